@@ -6,8 +6,8 @@ Writes sensitivities.png, search.png, fit.png, lighter.yaml and fitted.yaml to t
 import numpy as np
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 
 SENSORS = ("plate", "rod_1a", "rod_2a", "rod_3a")  # rods: at their upper ends
 ARMS, RODS = "flexible.arm_?.material.E", "flexible.rod_??.material.E"

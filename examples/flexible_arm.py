@@ -6,7 +6,7 @@ The arm is soft at its first bending mode; 5 kg at the tool lower it.
 import dataclasses
 
 import pinflex as pf
-from pinflex.description.link_mass import EndMass
+from pinflex.description.blocks.flexible import EndMass
 
 
 def main() -> float:

@@ -17,7 +17,7 @@ from papers.strain_forces import strain_forces
 
 import pinflex as pf
 from pinflex.recovery.reactions import joint_reactions, shaking
-from pinflex.results.strength import THEORIES, point_stress
+from pinflex.results.views import THEORIES, point_stress
 
 CHANGES = (
     "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}",

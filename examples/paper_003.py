@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pinflex as pf
-from pinflex.bodies.summary import save, summary
+from pinflex.studies.checking.parts import save, summary
 
 STEP = 0.3073231279995044  # place of the step to 16 mm [m]
 STROKE = [

@@ -45,9 +45,16 @@ if TYPE_CHECKING:
     from pinflex.advice.advise import advise
     from pinflex.advice.proposal import Advice
     from pinflex.advice.solve import LEVELS, solve
-    from pinflex.description.control import Control, Deflection, Effort, Travel, Voltage, pid
-    from pinflex.description.digital import digital_pid
-    from pinflex.description.motion import (
+    from pinflex.description.blocks.control import (
+        Control,
+        Deflection,
+        Effort,
+        Travel,
+        Voltage,
+        digital_pid,
+        pid,
+    )
+    from pinflex.description.motions.motion import (
         Motion,
         circle,
         cycloid,
@@ -60,7 +67,7 @@ if TYPE_CHECKING:
         spin_up,
         trapezoid,
     )
-    from pinflex.description.moves import adept, moves
+    from pinflex.description.motions.trajectory import adept, moves
     from pinflex.errors import (
         AssemblyError,
         ConvergenceError,
@@ -70,7 +77,7 @@ if TYPE_CHECKING:
         SceneError,
         SingularityError,
     )
-    from pinflex.integrators.schemes import generalized_alpha, hht, newmark
+    from pinflex.integrators.collocation import generalized_alpha, hht, newmark
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.inversion.tracking import track
@@ -86,11 +93,11 @@ if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
-    from pinflex.solver.recompute import recompute
-    from pinflex.studies.check import Check, check
+    from pinflex.solver.solve import recompute
+    from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
+    from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
-    from pinflex.studies.stiffness import platform_compliance
     from pinflex.studies.study import Study, compare
     from pinflex.studies.sweep import sweep
     from pinflex.variation.design import Design
@@ -176,9 +183,16 @@ __all__ = [
 ]
 
 _HOME = {
-    "description.control": ("Control", "Deflection", "Effort", "Travel", "Voltage", "pid"),
-    "description.digital": ("digital_pid",),
-    "description.motion": (
+    "description.blocks.control": (
+        "Control",
+        "Deflection",
+        "Effort",
+        "Travel",
+        "Voltage",
+        "digital_pid",
+        "pid",
+    ),
+    "description.motions.motion": (
         "Motion",
         "circle",
         "cycloid",
@@ -191,7 +205,10 @@ _HOME = {
         "spin_up",
         "trapezoid",
     ),
-    "description.moves": ("adept", "moves"),
+    "description.motions.trajectory": (
+        "adept",
+        "moves",
+    ),
     "errors": (
         "AssemblyError",
         "ConvergenceError",
@@ -201,12 +218,25 @@ _HOME = {
         "SceneError",
         "SingularityError",
     ),
-    "integrators.schemes": ("generalized_alpha", "hht", "newmark"),
-    "inversion.command": ("Command", "command"),
-    "inversion.linear_model": ("LinearModel", "linearise"),
+    "integrators.collocation": (
+        "generalized_alpha",
+        "hht",
+        "newmark",
+    ),
+    "inversion.command": (
+        "Command",
+        "command",
+    ),
+    "inversion.linear_model": (
+        "LinearModel",
+        "linearise",
+    ),
     "inversion.tracking": ("track",),
     "levels.excited": ("ringing",),
-    "levels.modes": ("Modes", "modes"),
+    "levels.modes": (
+        "Modes",
+        "modes",
+    ),
     "levels.quasistatic": (
         "Equilibrium",
         "UnstableWarning",
@@ -214,24 +244,48 @@ _HOME = {
         "static_equilibrium",
     ),
     "levels.rigid": ("inverse_dynamics",),
-    "mechanics.mechanism": ("Mechanism", "load"),
+    "mechanics.mechanism": (
+        "Mechanism",
+        "load",
+    ),
     "results.comparison": ("comparison",),
     "results.result": ("Result",),
     "advice.advise": ("advise",),
     "advice.proposal": ("Advice",),
-    "advice.solve": ("LEVELS", "solve"),
+    "advice.solve": (
+        "LEVELS",
+        "solve",
+    ),
     "variation.design": ("Design",),
     "variation.fit": ("fit",),
     "variation.fitted": ("Fit",),
-    "variation.optimise": ("design", "pareto"),
-    "variation.scatter": ("Scatter", "scatter"),
-    "variation.sensitivity": ("Sensitivities", "sensitivities"),
-    "studies.check": ("Check", "check"),
-    "studies.study": ("Study", "compare"),
-    "studies.frequency_response": ("FrequencyResponse", "frequency_response"),
+    "variation.optimise": (
+        "design",
+        "pareto",
+    ),
+    "variation.scatter": (
+        "Scatter",
+        "scatter",
+    ),
+    "variation.sensitivity": (
+        "Sensitivities",
+        "sensitivities",
+    ),
+    "studies.checking.check": (
+        "Check",
+        "check",
+    ),
+    "studies.study": (
+        "Study",
+        "compare",
+    ),
+    "studies.frequency_response": (
+        "FrequencyResponse",
+        "frequency_response",
+    ),
     "studies.pose_map": ("pose_map",),
-    "studies.stiffness": ("platform_compliance",),
-    "solver.recompute": ("recompute",),
+    "studies.pose": ("platform_compliance",),
+    "solver.solve": ("recompute",),
     "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
 }

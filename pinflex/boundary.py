@@ -5,11 +5,18 @@ PINFLEX_TRACEBACK=full shows every frame, as `--debug` does for a command.
 
 from __future__ import annotations
 
+import builtins
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping
+import reprlib
+from collections import abc
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from pinflex.errors import DescriptionError, PinflexError, RunInterrupted, nearest
 
@@ -51,8 +58,6 @@ def _mistyped(
     function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
 ) -> DescriptionError | None:
     """Error for an argument of another kind than the annotation says; None where all fit."""
-    from pinflex.arguments import mistyped  # late: only a call that has failed asks
-
     said = mistyped(function, args, kwargs)
     return None if said is None else DescriptionError(said)
 
@@ -69,3 +74,97 @@ def _unknown(
     return DescriptionError(
         f"{name}: {wrong[0]}: no such option.{nearest(wrong[0], known)}", key=wrong[0]
     )
+
+
+# An argument that does not fit its annotation, in a sentence: asked once a call has failed.
+
+_PLAIN = {  # of an annotation: what fits it, and how that is called
+    str: (str, "text"),
+    float: (Real, "number"),
+    int: (Integral, "whole number"),
+    bool: ((bool, np.bool_), "True or False"),
+    NoneType: (NoneType, "None"),
+}
+_MAPPINGS = (dict, abc.Mapping)
+_LISTS = (list, set, frozenset, abc.Iterable, abc.Sequence, abc.Collection)
+
+
+def mistyped(
+    function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
+) -> str | None:
+    """What is wrong with the first argument that does not fit; None where all fit."""
+    try:
+        bound = inspect.signature(function).bind(*args, **kwargs)
+        hints = get_type_hints(function, localns=_Known(function))
+    except TypeError:  # too many arguments, too few: Python says so itself
+        return None
+    for name, value in bound.arguments.items():
+        wrong = next(_misfits(value, hints.get(name, Any), name), None)
+        if wrong is not None:
+            where, what, hint = wrong
+            return (
+                f"{function.__name__}: {where}: {reprlib.repr(what)} does not fit. Give "
+                f"{_said(hint)}; help(pinflex.{function.__qualname__}) says more."
+            )
+    return None
+
+
+class _Known(dict[str, Any]):
+    """Names of annotations; those that only a type checker imports stand for anything."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(vars(builtins) | getattr(inspect.unwrap(function), "__globals__", {}))
+
+    def __missing__(self, name: str) -> Any:
+        return Any
+
+
+def _misfits(value: Any, hint: Any, where: str) -> Iterator[tuple[str, Any, Any]]:
+    """Place, value and annotation of what does not fit."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in _PLAIN:
+        fits = isinstance(value, _PLAIN[hint][0])  # type: ignore[arg-type]
+        if not fits or (isinstance(value, bool) and hint is not bool):
+            yield where, value, hint
+    elif origin in (Union, UnionType):
+        found = [next(_misfits(value, one, where), None) for one in inner]
+        if all(one is not None for one in found):
+            deeper = [one for one in found if one is not None and one[0] != where]
+            yield deeper[0] if deeper else (where, value, hint)
+    elif origin in _MAPPINGS:
+        if not isinstance(value, Mapping):
+            yield where, value, hint
+            return
+        for key, one in value.items():
+            yield from _misfits(key, inner[0], f"{where}: the key")
+            yield from _misfits(one, inner[1], f"{where}[{key!r}]")
+    elif origin in _LISTS or origin is tuple:
+        others = (Mapping, str) if origin is tuple else Mapping  # a text is a list of texts
+        if not isinstance(value, Iterable) or isinstance(value, others):
+            yield where, value, hint
+            return
+        several = [*value] if isinstance(value, abc.Collection) else []  # an iterator is used up
+        kinds = [*inner] if origin is tuple and inner[-1] is not ... else [inner[0]] * len(several)
+        if len(several) != len(kinds):
+            yield where, value, hint
+            return
+        for k, (one, kind) in enumerate(zip(several, kinds, strict=True)):
+            yield from _misfits(one, kind, f"{where}[{k}]")
+
+
+def _said(hint: Any) -> str:
+    """An annotation in words."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in _PLAIN:
+        return _PLAIN[hint][1]
+    if origin in (Union, UnionType):
+        return " or ".join(dict.fromkeys(map(_said, inner)))
+    if origin is Literal:
+        return " or ".join(map(repr, inner))
+    if origin in _MAPPINGS:
+        return f"{{{_said(inner[0])}: {_said(inner[1])}}}"
+    if origin is tuple and inner[-1] is not ...:
+        return f"({', '.join(map(_said, inner))})"
+    if origin in _LISTS or origin is tuple:
+        return f"[{_said(inner[0])}, ...]"
+    return "anything" if hint in (Any, object) else getattr(hint, "__name__", str(hint))

@@ -8,8 +8,8 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.material import Material
+from pinflex.description.blocks.flexible import Basis, FlexibleLink
+from pinflex.description.blocks.material import Material
 from pinflex.description.section import Section
 
 L = 0.8  # [m]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
 from tests.scenes import Body, load
 
 NAMES = model_names()

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.system import System
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.system import System
 
 # Two central differences, at h and h/2, extrapolated: h^4 f5/480 and round-off over h are both
 # below 1e-11 of functions of order one.

@@ -18,8 +18,8 @@ import pinocchio as pin
 
 import pinflex as pf
 from pinflex.description import description
-from pinflex.description.mjcf_model import compiled
-from pinflex.mechanics.equations import Equations
+from pinflex.description.robots.mjcf_model import compiled
+from pinflex.mechanics.evaluation.equations import Equations
 
 mujoco.set_mju_user_warning(lambda text: None)  # which would write MUJOCO_LOG.TXT
 OFF = ("CONTACT", "LIMIT", "EQUALITY", "FRICTIONLOSS")

@@ -45,14 +45,14 @@ def recompiled(file, old, new):
 MUTATIONS = {
     "dry friction off": (
         """
-from pinflex.mechanics.friction import DryFriction
+from pinflex.mechanics.model.system import DryFriction
 DryFriction.force = lambda self, v: 0.0 * v[..., self.rows]
 """,
         ["tests/verification/test_elastic_drives.py"],
     ),
     "a rotor's inertia by the gear, not by its square": (
         """
-from pinflex.description.drives import Drive
+from pinflex.description.blocks.drives import Drive
 Drive.rotor_inertia = property(lambda self: self.gear * self.motor_inertia)
 """,
         ["tests/verification/test_elastic_drives.py"],
@@ -74,8 +74,8 @@ from dataclasses import replace
 def linear(link, *rest, **more):
     return plain(replace(link, second_order=False), *rest, **more)
 basis.flexible_body = linear
-import pinflex.mechanics.parts
-pinflex.mechanics.parts.flexible_body = linear
+import pinflex.mechanics.model.parts
+pinflex.mechanics.model.parts.flexible_body = linear
 """,
         ["tests/verification/test_rotating_beam.py", "tests/hard/test_preload.py"],
     ),
@@ -130,14 +130,14 @@ closure._coupled = weak
     ),
     "start speeds do not reach the loops": (
         """
-import pinflex.levels.speeds as speeds
+import pinflex.levels.start as speeds
 speeds.corrected = lambda dynamics, y, v, A, b, free: v
 """,
         ["tests/verification/test_start_speeds.py"],
     ),
     "blows off: what a motor that jumps carries keeps its speeds": (
         """
-import pinflex.levels.given_start as given
+import pinflex.levels.start as given
 def still(dynamics, y, v, speed):
     v = v.copy(); v[dynamics.system.motors] = speed
     return v
@@ -178,7 +178,7 @@ step.consistent_acceleration = nothing
     ),
     "riders off: what the beam cannot carry of a link's inertia is lost": (
         """
-import pinflex.mechanics.ride as ride
+import pinflex.mechanics.model.ride as ride
 from dataclasses import replace
 plain = ride.split
 ride.split = lambda *link: replace(plain(*link), riders=())
@@ -187,7 +187,7 @@ ride.split = lambda *link: replace(plain(*link), riders=())
     ),
     "riders at the root: none of them loads the beam": (
         """
-import pinflex.mechanics.ride as ride
+import pinflex.mechanics.model.ride as ride
 ride._beside_the_centre = lambda rest: 0.0
 """,
         ["tests/unit/mechanics/test_ride.py"],
@@ -224,7 +224,7 @@ for name in dir(stress):
     ),
     "ramps come on as u^1.05": (
         """
-from pinflex.description.external import FrameForce
+from pinflex.description.blocks.external import FrameForce
 plain = FrameForce.scale
 FrameForce.scale = lambda self, t: plain(self, t) ** 1.05
 """,
@@ -241,26 +241,26 @@ maps.tracked = lambda shapes, mass, count, first=None: {
     ),
     "shares of links that are alike are not added up": (
         """
-altered("pinflex.mechanics.relevance", "for p in equal) for case", "for p in equal[:1]) for case")
+altered("pinflex.mechanics.model.relevance", "for p in equal) for case", "for p in equal[:1]) for case")
 """,
         ["tests/unit/mechanics/test_planes.py"],
     ),
     "what is left out first does not count for what comes next": (
         """
-altered("pinflex.mechanics.relevance", "spent + cost < NEGLIGIBLE", "cost < NEGLIGIBLE")
+altered("pinflex.mechanics.model.relevance", "spent + cost < NEGLIGIBLE", "cost < NEGLIGIBLE")
 """,
         ["tests/unit/mechanics/test_planes.py"],
     ),
     "turns of the base in the other order": (
         """
-altered("pinflex.mechanics.relevance", "links[number].placement.rotation @ turn",
+altered("pinflex.mechanics.model.relevance", "links[number].placement.rotation @ turn",
         "turn @ links[number].placement.rotation")
 """,
         ["tests/unit/mechanics/test_planes.py"],
     ),
     "products of inertia of an SDF with the other sign": (
         """
-altered("pinflex.description.sdf", "[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]",
+altered("pinflex.description.robots.sdf", "[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]",
         "[[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]]")
 """,
         ["tests/unit/description/test_formats.py"],
@@ -282,7 +282,7 @@ recompiled("inputs.c", "<= in->gap", "<= -1.0")
     ),
     "sections anywhere are taken for the same place": (
         """
-altered("pinflex.advice.second_run", "< _SECTION * at[-1]", "< 1.0")
+altered("pinflex.advice.error_bars", "< _SECTION * at[-1]", "< 1.0")
 """,
         ["tests/unit/advice/test_second_run.py"],
     ),
@@ -294,7 +294,7 @@ altered("pinflex.solver.step_length", "min(2, len(alive) - 1)", "0")
     ),
     "damping of each segment by itself": (
         """
-altered("pinflex.mechanics.damping", "K, _mass(part))", "K, np.kron(np.eye(count), first.M))")
+altered("pinflex.mechanics.model.damping", "K, _mass(part))", "K, np.kron(np.eye(count), first.M))")
 """,
         ["tests/unit/mechanics/test_given_damping.py"],
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pinflex.results.keys import KEYS
+from pinflex.results.quantities import KEYS
 
 _INTRO = """# Arrays of a result
 

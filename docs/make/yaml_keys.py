@@ -13,7 +13,7 @@ from typing import Any
 
 import claims
 
-from pinflex.description.json_schema import json_schema
+from pinflex.description.reading.json_schema import json_schema
 
 Form = dict[str, Any]
 _HEADING = re.compile(r"#+ (?:`(\w+)[^`]*`|(Top level))")

@@ -16,8 +16,8 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import modes
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian, frame_pose
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.cut import cut
 from pinflex.bodies.family import Family, hermite, quadrature
-from pinflex.description.flexible import FlexibleLink
+from pinflex.bodies.section_at import cut
+from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.expanded import Slot
 from pinflex.recovery import stress
 from pinflex.recovery.kinematics import joint_poses, pose_of
 from pinflex.recovery.samples import Samples, samples_of

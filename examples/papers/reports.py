@@ -9,7 +9,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result, same_grid
-from pinflex.results.strength import worst_section
+from pinflex.results.views import worst_section
 from pinflex.rotations import rotation_vector
 from pinflex.text import brief
 

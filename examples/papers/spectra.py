@@ -8,12 +8,12 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.expanded import Slot
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.expanded import Slot
 from pinflex.recovery.samples import Samples, run_of
-from pinflex.results.peaks import maxima
 from pinflex.results.result import Result
 from pinflex.text import brief
+from pinflex.viewer.plot import maxima
 
 
 @dataclass(frozen=True)

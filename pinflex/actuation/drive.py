@@ -12,10 +12,10 @@ import numpy as np
 from pinflex.actuation.motors import MotorAxes, joint_curve, joint_path, motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, BoolArray, IntArray
-from pinflex.description.laws import SNAP
-from pinflex.description.motion import Motion
-from pinflex.mechanics.followed import Followed
-from pinflex.mechanics.loads import Loads
+from pinflex.description.motions.laws import SNAP
+from pinflex.description.motions.motion import Motion
+from pinflex.mechanics.evaluation.equations import Followed
+from pinflex.mechanics.model.loads import Loads
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.signals import Signals
-from pinflex.arrays import Array
-from pinflex.description.control import (
+from pinflex.arrays import Array, IntArray
+from pinflex.description.blocks.control import (
     Control,
     Deflection,
     Effort,
@@ -19,10 +18,39 @@ from pinflex.description.control import (
     Voltage,
 )
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
+
+
+# What a control measured and drove along a run.
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What a control did.
+
+    Attributes:
+        names: Of the drives. B: Forces per drive, shape (nv, nu).
+        u: Drives (V | N m | N), shape (nt, nu). measured: m (m | rad), shape (nt, nm).
+    """
+
+    names: tuple[str, ...]
+    B: Array
+    u: Array
+    measured: Array
+
+    def at(self, k: slice | IntArray) -> Signals:
+        """The same at some of the times."""
+        return replace(self, u=self.u[k], measured=self.measured[k])
+
+    def arrays(self) -> dict[str, Array]:
+        """Arrays of a result, by flat key."""
+        out = {f"control/{name}": self.u[:, k] for k, name in enumerate(self.names)}
+        out["measured"] = self.measured
+        return out
+
 
 # Gains of a law come from differences over this part of the size of its arguments: exact for the
 # linear laws, and Newton needs two digits.

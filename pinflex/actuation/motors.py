@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion, from_spec, hold
+from pinflex.description.motions.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 

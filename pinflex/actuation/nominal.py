@@ -18,10 +18,10 @@ import numpy as np
 from pinflex.actuation.motors import joint_path, motor_axes
 from pinflex.actuation.path import Path, underactuated
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
-from pinflex.mechanics.followed import Followed
+from pinflex.mechanics.evaluation.equations import Followed
 from pinflex.text import brief
 
 if TYPE_CHECKING:

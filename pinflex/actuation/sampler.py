@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.signals import Signals
+from pinflex.actuation.feedback import Signals
 from pinflex.arrays import Array
-from pinflex.description.control import Control, Effort
-from pinflex.description.control_block import effort_limits
-from pinflex.description.digital import is_system, linear_law
+from pinflex.description.blocks.control import Control, Effort, effort_limits, is_system, linear_law
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.cost import require_steps
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.cost import require_steps
 
 if TYPE_CHECKING:
     from pinflex.actuation.feedback import Feedback

@@ -21,12 +21,12 @@ import numpy as np
 
 from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
-from pinflex.advice.finer import finer_model
+from pinflex.advice.error_bars import finer_model
 from pinflex.advice.probe import RESOLVED, Probe
 from pinflex.advice.proposal import Advice, error_bar
 from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut
 from pinflex.boundary import public
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.integrators.run import Run
@@ -35,8 +35,7 @@ from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism, load, takes_model
 from pinflex.progress import Progress, barred, callback
-from pinflex.results.residual import BAND
-from pinflex.results.verdict import TOL, platform_allowed
+from pinflex.results.verdict import BAND, TOL, platform_allowed
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step

@@ -1,50 +1,301 @@
 """What the model of a run leaves out: measured against a richer one by a cheap look at both.
 
 The richer model has every plane, stretch and twist, second-order terms, shear and rotary inertia
-and twice the segments in each link (`pinflex.advice.finer`). Both models are looked at along the
+and twice the segments in each link (`pinflex.advice.error_bars`). Both models are looked at along the
 whole motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on
 the same instants, so that what the look itself misses is missed twice and cancels; what a shifted
 frequency makes of a long vibration is in it. Where no cheap look describes the motion, or its steps
-do not resolve the third mode, the richer model is run (`pinflex.advice.second_run`). The error bar
+do not resolve the third mode, the richer model is run (`pinflex.advice.error_bars`). The error bar
 is twice the difference. Nothing is paid before it is asked for.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+import itertools
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from pinflex.advice.finer import finer_model
 from pinflex.advice.probe import RESOLVED, Deviation, Probe
-from pinflex.advice.reduced_models import SAFETY, Errors
-from pinflex.advice.second_run import (
-    links_apart,
-    platform_acceleration,
-    pose_of,
-    richer_run,
-    run_apart,
-    shared,
-)
+from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
-from pinflex.description.motion import Motion
-from pinflex.description.motion_keys import PLATFORM_COORDINATES
-from pinflex.errors import ConvergenceError, PinflexError
+from pinflex.description.blocks import solid_keys
+from pinflex.description.motions.motion import Motion
+from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
-from pinflex.levels.outputs import ROUND_OFF, STILL, between, platform_poses, relative
+from pinflex.levels.outputs import REST, ROUND_OFF, STILL, between, platform_poses, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.recovery.links import deflections
 from pinflex.recovery.recover import result_of
-from pinflex.recovery.sections import deflections
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
 from pinflex.results.result import Result
 from pinflex.rotations import zyx_angles
+from pinflex.solver.solve import solve_level
 from pinflex.threads import one_blas_thread
+
+# The scene with more in it than it has: what the error of a model is measured against.
+
+_WORDS = {0: "more modes", 1: "one more segment"}
+_THICK = ("shear", "rotary_inertia")
+_CELLS = 0.6  # of their length: two thirds of an error of second order go, for 5 times the cells
+_MORE_MODES = 6  # of a solid: the next six tell what all others leave, to a third
+
+
+def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
+    """The scene with all deformations, second order and twice the segments; and what that is.
+
+    Of solids with more modes, and with shorter cells where pinflex makes the mesh.
+
+    Raises:
+        DescriptionError: There is no such model.
+    """
+    failed: PinflexError | None = None
+    for changes, words in _richer(mechanism):
+        try:
+            more, n = enlarged(mechanism, changes)
+            if more is not None:
+                return more, f"{words}: {n} coordinates"
+        except PinflexError as error:
+            failed = error
+    raise failed or DescriptionError("a richer model is too large")
+
+
+def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
+    """Changes of the YAML and what they are: from the richest on to what most scenes can take."""
+    cut, solid = beams(mechanism), solids(mechanism)
+    own, words = _of_solids(solid)
+    if not cut:
+        yield own, words
+        return
+    # Shapes that move at the root, under a sleeve, take one segment only.
+    most = max(part.spec.segments for part in cut)  # twice as many, else one more, else none
+    rungs = [(more, True) for more in sorted({most, 1, 0}, reverse=True)]
+    if all(map(_more_shapes, cut)):
+        rungs.append((0, False))  # where all planes with all modes would be too much
+    for (more, planes), thick in itertools.product(rungs, (True, False)):
+        changes = list(own)
+        for part in cut:
+            at = f"flexible.{part.link}"
+            changes += [f"{at}.{key}=true" for key, _ in PLANES.values() if planes]
+            added = min(more, part.spec.segments)
+            changes += [f"{at}.second_order=true", f"{at}.segments={part.spec.segments + added}"]
+            changes += [f"{at}.{key}=true" for key in _THICK] if thick else []
+            changes += [] if more else _more_shapes(part)
+        said = [words, _WORDS.get(more, "twice the segments"), "second order"]
+        said[-1] += ", stretch and twist" if planes else " in the planes that it has"
+        yield changes, ", ".join(filter(None, [*said, "shear and rotary inertia" if thick else ""]))
+
+
+def _more_shapes(part: FlexiblePart) -> list[str]:
+    """A richer basis of one segment: half as many modes more where these converge slowly."""
+    basis, at = part.spec.basis, f"flexible.{part.link}.basis"
+    if basis.kind == "craig_bampton":
+        return [f"{at}.internal={basis.internal + 1}"]
+    if basis.kind == "assumed":
+        return [f"{at}.modes={basis.modes + max(1, basis.modes // 2)}"]
+    return []
+
+
+def solids(mechanism: Mechanism) -> list[FlexiblePart]:
+    """The links of meshes and matrices."""
+    return [p for p in mechanism.parts.values() if p.spec.basis.kind in solid_keys.KINDS]
+
+
+def _of_solids(found: list[FlexiblePart]) -> tuple[list[str], str]:
+    """Changes that refine solids, and what they are."""
+    changes, meshed = [], []
+    for part in found:
+        basis, at = part.spec.basis, f"flexible.{part.link}.basis"
+        changes.append(f"{at}.modes={basis.modes + _MORE_MODES}")
+        if basis.rod:
+            size = basis.size or min(d for d, _ in basis.rod)
+            changes.append(f"{at}.size={_CELLS * size!r}")
+            meshed.append(part.link)
+    if not found:
+        return changes, ""
+    if len(meshed) == len(found):
+        return (
+            changes,
+            f"cells of {_CELLS:g} of the length and {_MORE_MODES} more modes of each solid",
+        )
+    return changes, f"{_MORE_MODES} more modes of each solid (meshes of a file as they are)"
+
+
+# A run of a richer model beside a run: what the model leaves out where no cheap look tells it.
+#
+# Motors that push, controls, freedoms that nothing determines, long or fast vibration and motion
+# far from linear vibration: there the richer model is solved at the same instants, and every output
+# is compared. Where the difference is below the run's error of time it tells that error; then both
+# models are run again to a finer tolerance.
+
+_TOL = 1e-3  # of time of the richer run, at the least: what a model leaves out is larger
+_LONGEST = 30.0  # s of computing: a richer run that takes more is given up
+_OF_THE_METHOD = (
+    *("tol", "dt", "samples", "until", "integrator", "rho_inf", "newmark", "theta", "ked"),
+    *("modes", "asked", "level"),
+)
+_FINER = 0.1  # of the tolerance: where the error of time hides what the model leaves out
+_SECTION = 1e-6  # of the length: sections so near are one
+_PARTS = {"section forces": (slice(0, 3), slice(3, 6))}  # N, N m
+
+
+def run_apart(
+    result: Result,
+    mechanism: Mechanism,
+    finer: Mechanism,
+    motion: Motion,
+    options: Mapping[str, Any],
+    static: bool,
+) -> dict[str, float]:
+    """Largest differences of a run from one of a richer model, by output, relative.
+
+    Raises:
+        ConvergenceError: The richer run takes too long, or does not come to its end.
+    """
+    loose = free(finer)
+    found = outputs_apart(result, richer_run(result, finer, motion, options, static), loose)
+    settings = result.meta["settings"]
+    of_time, _ = time_error(settings, result.level)
+    if result.level == "coupled" and any(e < of_time.get(key, 0.0) for key, e in found.items()):
+        with contextlib.suppress(PinflexError):  # below what time integration can reach
+            tol = _FINER * min(float(settings.get("tol", _TOL)), _TOL)
+            a, b = (richer_run(result, x, motion, options, static, tol) for x in (mechanism, finer))
+            return outputs_apart(a, b, loose)
+    return found
+
+
+def richer_run(
+    result: Result,
+    finer: Mechanism,
+    motion: Motion,
+    options: Mapping[str, Any],
+    static: bool,
+    tol: float | None = None,
+) -> Result:
+    """A run of a richer model at the instants of another; arguments as of `run_apart`.
+
+    `tol`: Of time; None: that of the run, or less.
+    """
+    given = {k: x for k, x in options.items() if k not in _OF_THE_METHOD and x is not None}
+    if tol is None:
+        tol = min(float(result.meta["settings"].get("tol", _TOL)), _TOL)
+    until, began = float(result.t[-1]), time.process_time()
+
+    def watch(step: int, steps: int) -> None:
+        if time.process_time() - began > _LONGEST:
+            raise ConvergenceError(f"its run takes more than {_LONGEST:g} s")
+
+    keys = {**given, "start": "static" if static else "straight", "until": until, "tol": tol}
+    return solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
+
+
+def free(mechanism: Mechanism) -> bool:
+    """Whether joints move that motors do not determine: no rigid motion to deviate from."""
+    return mechanism.report.mobility != len(mechanism.rigid.motors)
+
+
+def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
+    """Largest differences of all outputs of two runs at the same instants, relative."""
+    found: dict[str, float | None] = {}
+    if a.torque.shape[1]:
+        found["torque"] = _ratio([a.torque], [b.torque])
+    found |= links_apart(a, b)
+    found |= _platform_of_runs(a, b, free)
+    if not found or not any(found.values()):
+        q = "joint/v"
+        found["joint speeds"] = _ratio([a.array(q)], [b.array(q)])
+    return {key: e for key, e in found.items() if e is not None}
+
+
+def links_apart(a: Result, b: Result) -> dict[str, float]:
+    """The same of deflection, stress and section forces, at the sections that both have."""
+    found: dict[str, float] = {}
+    values: dict[str, tuple[list[Array], list[Array]]] = {
+        key: ([], []) for key in ("deflection", "stress", "section forces")
+    }
+    for name in b.links:
+        theirs = b.link(name)
+        mine = a.link(name) if name in a.links else None
+        own, at = shared(theirs.x if mine is None else mine.x, theirs.x)
+        for key, pick in _OF_LINKS.items():
+            y = pick(theirs)[:, at]
+            values[key][0].append(0.0 * y if mine is None else pick(mine)[:, own])
+            values[key][1].append(y)
+    for key, (x, y) in values.items():
+        for part in _PARTS.get(key, (slice(None),)):
+            cut = (..., part) if key in _PARTS else ...
+            e = _ratio([v[cut] for v in x], [v[cut] for v in y])
+            if e is not None:
+                found[key] = max(found.get(key, 0.0), e)
+    return found
+
+
+_OF_LINKS: Any = {
+    "deflection": lambda link: link.deflection[:, :, :3],
+    "stress": lambda link: link.von_mises,
+    "section forces": lambda link: link.resultant,
+}
+
+
+def platform_acceleration(a: Result, b: Result) -> dict[str, float]:
+    """The same of the platform's acceleration."""
+    name = b.meta.get("platform")
+    if not name:
+        return {}
+    x, y = (run.array(f"frame/{name}/acceleration")[:, :3] for run in (a, b))
+    e = _ratio([x], [y])
+    return {} if e is None else {"platform acceleration": e}
+
+
+def _platform_of_runs(a: Result, b: Result, free: bool) -> dict[str, float]:
+    """Pose of the platform, relative to its largest deviation from rigid, and its acceleration."""
+    name = b.meta.get("platform")
+    if not name:
+        return {}
+    known = not free and name in b.meta["bodies"]
+    rigid = b.array(f"body/{name}/pose_rigid") if known else None
+    (p, R), (p_b, R_b) = pose_of(a), pose_of(b)
+    p_r, R_r = (p_b[:1], R_b[:1]) if rigid is None else (rigid[:, :, 3], rigid[:, :, :3])
+    pairs = {
+        "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
+        "platform rotation": (
+            np.abs(between(R, R_b)).max(),
+            np.abs(between(np.broadcast_to(R_r, R_b.shape), R_b)).max(),
+        ),
+    }
+    found = {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
+    return found | platform_acceleration(a, b)
+
+
+def pose_of(run: Result) -> tuple[Array, Array]:
+    """Positions (n, 3) [m] and rotations (n, 3, 3) of the platform in a run."""
+    name = run.meta["platform"]
+    return run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")
+
+
+def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
+    """Numbers of the sections that are among others, and which of those they are."""
+    near = np.argmin(np.abs(at[:, None] - x), axis=0)
+    same = np.flatnonzero(np.abs(at[near] - x) < _SECTION * at[-1])
+    return same.tolist(), near[same].tolist()
+
+
+def _ratio(a: list[Array], b: list[Array]) -> float | None:
+    """Largest difference over the largest value of the second; None: that is zero."""
+    scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b), default=0.0)
+    scale = scale if scale > REST else 0.0  # round-off
+    apart = (float(np.max(np.abs(x - y), initial=0.0)) for x, y in zip(a, b, strict=True))
+    return max(apart, default=0.0) / scale if scale > 0.0 else None
+
 
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,

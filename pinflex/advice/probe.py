@@ -18,18 +18,18 @@ import numpy as np
 from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.advice.subspace import Subspace, pseudo_inverse
 from pinflex.arrays import Array
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
 from pinflex.levels.linear_march import Response, Workspace, forces_along
 from pinflex.levels.linearised import LinearPath, full_path
 from pinflex.levels.modes import modes
 from pinflex.levels.start import lasting
-from pinflex.mechanics.closure_motion import closure_motion
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.closure_motion import closure_motion
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
 
 _PARTS = 80  # of the time, each with a whole number of steps
 _CLOSE = 1e-3  # of the largest entry of a matrix: what interpolation may miss

@@ -14,14 +14,14 @@ import numpy as np
 
 from pinflex.advice.probe import Probe
 from pinflex.advice.subspace import shapes_of
-from pinflex.description import solid_keys
-from pinflex.description.flexible import FlexibleLink
+from pinflex.description.blocks import solid_keys
+from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
-from pinflex.mechanics.cost import per_body
 from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.mechanics.parts import FlexiblePart, resolve
+from pinflex.mechanics.model.cost import per_body
+from pinflex.mechanics.model.parts import FlexiblePart, resolve
 
 Errors = dict[str, float]
 Changes = dict[str, dict[str, int] | None]  # of keys of links; None: the link is rigid

@@ -10,8 +10,8 @@ from typing import Any
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.control import Control
-from pinflex.description.motion import Motion
+from pinflex.description.blocks.control import Control
+from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED, LEVELS
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, RunInterrupted
 from pinflex.mechanics.mechanism import Mechanism, takes_model

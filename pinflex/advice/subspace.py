@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.chebyshev import Interpolation
-from pinflex.integrators.schemes import generalized_alpha
+from pinflex.integrators.collocation import generalized_alpha
+from pinflex.levels.excited import Varying, varying
 from pinflex.levels.linear_march import LinearMarch, Response, RunningMarch, Workspace
-from pinflex.levels.varying import Varying, varying
 from pinflex.linalg import independent_rows, saddle
-from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.system import System
 
 _DEPENDENT = 1e-6  # of the largest: singular values below it close nothing
 _ROUND_OFF = 1e-11  # of combinations of functions; seen: 1e-13

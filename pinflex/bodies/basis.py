@@ -19,10 +19,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies import beam
-from pinflex.bodies.beam_check import DIRECTIONS, checked_density
-from pinflex.bodies.beam_matrices import beam_energy, bending, craig_bampton
-from pinflex.bodies.curvature import Curvature, curvature
-from pinflex.bodies.cut import Cut, cut
+from pinflex.bodies.beam import DIRECTIONS, beam_energy, bending, checked_density, craig_bampton
 from pinflex.bodies.damping import damping
 from pinflex.bodies.family import (
     BENDING,
@@ -34,13 +31,35 @@ from pinflex.bodies.family import (
     quadrature,
     sines,
 )
-from pinflex.bodies.ritz8 import ritz8
+from pinflex.bodies.section_at import Curvature, Cut, curvature, cut
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.bodies.superelement import Superelement
-    from pinflex.description.flexible import FlexibleLink
+    from pinflex.description.blocks.flexible import FlexibleLink
+
+
+# The Ritz link of eight end coordinates, without the two that move it as a whole.
+
+
+def ritz8(length: float, direction: str, shear_ratio: float) -> Family:
+    """End coordinates q1..q8 of a link: stretch, rotations about z and y, twist of both ends.
+
+    The source's bending functions are linear, which bends nothing while its stiffness is that of
+    end rotations: here q2, q3, q6, q7 are these rotations, against the chord, and the
+    twist has the stiffness G J / l.
+    The frame of the link is fixed to its root section, not to the chord, so the shapes are those
+    of the chord less a rotation; q1 and q4 move the whole link, which its joint does already.
+
+    Source: Liu, Zhu, Zhao, the link of the 3-TPT (models/3tpt/SOURCE.md).
+    """
+    one = hermite(length, 1, "cubic", direction=direction, shear_ratio=shear_ratio)
+    if direction in BENDING:
+        names = ("q2", "q6") if direction == "v" else ("q3", "q7")
+        return combine(one, np.array([[-length, 0.0], [-1.0, 1.0]]), names)
+    return combine(one, np.eye(1), ("q5" if direction == "u" else "q8",))
+
 
 _THIN = 0.2  # sqrt(EI2 GJ) / EI1: a strip 2.3 times as high as wide; it buckles at a sag of L/4
 

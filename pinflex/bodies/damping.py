@@ -10,7 +10,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 
 if TYPE_CHECKING:
-    from pinflex.description.flexible import FlexibleLink
+    from pinflex.description.blocks.flexible import FlexibleLink
 
 
 def damping(

@@ -15,7 +15,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.mesh import Mesh, scikit_fem
-from pinflex.description.material import Material
+from pinflex.description.blocks.material import Material
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 

@@ -16,9 +16,9 @@ from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.mesh import Region
 from pinflex.bodies.solid import Solid, of_matrices, of_mesh
 from pinflex.bodies.superelement import reduce
+from pinflex.description.blocks.flexible import Basis, FlexibleLink
+from pinflex.description.blocks.material import Material
 from pinflex.description.files import MOST_DATA, require_regular
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.material import Material
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, nearest
 

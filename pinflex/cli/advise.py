@@ -44,7 +44,7 @@ level and the step.""",
 
 def run(args: argparse.Namespace) -> int:
     """Say what a scene needs."""
-    from pinflex.advice import text as advise_text
+    from pinflex.advice import proposal as advise_text
     from pinflex.advice.advise import advise
 
     mechanism = load_model(args)

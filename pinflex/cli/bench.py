@@ -135,7 +135,7 @@ def _json(study: Bench) -> dict[str, object]:
 
 
 def _save(study: Bench, folder: Path, text: str, data: dict[str, object]) -> list[Path]:
-    from pinflex.studies.plot_bench import figure
+    from pinflex.studies.bench import figure
 
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"bench.{kind}" for kind in ("txt", "json", "png")]

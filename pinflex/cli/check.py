@@ -33,8 +33,8 @@ and warnings.""",
 
 def run(args: argparse.Namespace) -> int:
     """Say what was understood of a model."""
-    from pinflex.studies.check import check
-    from pinflex.studies.home import write_home
+    from pinflex.studies.checking.check import check
+    from pinflex.studies.new_scene import write_home
 
     mechanism = load_model(args)
     if args.write_home:

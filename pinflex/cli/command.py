@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     if (args.plot or args.view) and not args.verify:
         raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
     if args.plot:
-        from pinflex.viewer.drawing import check_figure
+        from pinflex.viewer.plots.drawing import check_figure
 
         check_figure(args.plot)
     mechanism = load_model(args)
@@ -112,7 +112,7 @@ def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, A
     files = []
     if args.plot is not None:
         from pinflex.studies.plot_command import figure
-        from pinflex.viewer.drawing import save
+        from pinflex.viewer.plots.drawing import save
 
         files.append(Path(args.plot))
         save(figure(commands, runs).axes, args.plot)

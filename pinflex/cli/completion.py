@@ -45,7 +45,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
         raise DescriptionError(
             'completion: the package shtab is not installed. pip install "pinflex[completion]".'
         ) from error
-    from pinflex.description.finding import model_names
+    from pinflex.description.description import model_names
 
     for one in _commands(whole):
         for action in one._actions:

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
     mechanism = load_model(args)
     if args.output and Path(args.output).suffix.lower() != ".csv":
-        from pinflex.viewer.drawing import check_figure
+        from pinflex.viewer.plots.drawing import check_figure
 
         check_figure(args.output)
     writable(args.output)
@@ -103,8 +103,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(study: FrequencyResponse, path: Path) -> Path:
     if path.suffix.lower() != ".csv":
-        from pinflex.studies.plot_frequency_response import figure
-        from pinflex.viewer.drawing import save
+        from pinflex.studies.frequency_response import figure
+        from pinflex.viewer.plots.drawing import save
 
         return save(figure(study).axes, path)
     names = [name.split(" [")[0] for name in study.outputs]

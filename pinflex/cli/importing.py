@@ -8,7 +8,7 @@ from pathlib import Path
 from pinflex.cli import parser
 from pinflex.cli.console import print_json
 from pinflex.description.files import nameable
-from pinflex.description.schema import shown
+from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError
 from pinflex.writing import write_text
 

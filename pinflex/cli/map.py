@@ -52,10 +52,10 @@ def run(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
     from pinflex.cli import batch
     from pinflex.solver.solve import default_motion
-    from pinflex.studies.cases import parsed
     from pinflex.studies.pose_map import pose_map
-    from pinflex.viewer.drawing import check_figure
-    from pinflex.viewer.plot_map import save_map
+    from pinflex.studies.sweep import parsed
+    from pinflex.viewer.plots.drawing import check_figure
+    from pinflex.viewer.plots.maps import save_map
 
     out, options = batch.options(args)
     if args.plot is not None:

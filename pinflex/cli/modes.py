@@ -62,7 +62,7 @@ otherwise.""",
 def run(args: argparse.Namespace) -> int:
     """Natural frequencies and mode shapes at a pose."""
     from pinflex.levels.modes import base_state, first_modes, modes
-    from pinflex.studies.check import is_loaded, require_vibrating
+    from pinflex.studies.checking.check import is_loaded, require_vibrating
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
@@ -128,7 +128,7 @@ def _write(
     if args.map is not None:
         from pinflex.solver.solve import default_motion
         from pinflex.studies.pose_map import pose_map
-        from pinflex.viewer.plot_map import save_map
+        from pinflex.viewer.plots.maps import save_map
 
         along, count = default_motion(mechanism), min(args.count, 8)
         poses = pose_map(mechanism, along=along, count=count, preload=preload, stiffness=False)

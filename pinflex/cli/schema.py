@@ -26,7 +26,7 @@ An editor that knows YAML schemas completes keys and words and marks what is non
 
 def run(args: argparse.Namespace) -> int:
     """Print or write the schema."""
-    from pinflex.description.json_schema import json_schema
+    from pinflex.description.reading.json_schema import json_schema
 
     text = json.dumps(json_schema(), indent=1) + "\n"
     if args.out:

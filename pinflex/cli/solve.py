@@ -124,7 +124,7 @@ def _interrupted(args: argparse.Namespace, stop: RunInterrupted) -> NoReturn:
 def _stopped(args: argparse.Namespace, error: SceneError) -> NoReturn:
     """Save the run up to its last good step and say where it is."""
     from pinflex.results.result import Result
-    from pinflex.studies.study_notes import reason
+    from pinflex.studies.study import reason
 
     if not isinstance(error.result, Result):
         raise error

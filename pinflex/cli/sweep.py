@@ -63,9 +63,8 @@ def run(args: argparse.Namespace) -> int:
     """Solve many cases and write their table."""
     from pinflex.cli import batch
     from pinflex.studies.batch import Interrupted
-    from pinflex.studies.cases import parsed
     from pinflex.studies.outputs import OUTPUTS
-    from pinflex.studies.sweep import sweep
+    from pinflex.studies.sweep import parsed, sweep
 
     if args.random is not None:
         return _random(args)

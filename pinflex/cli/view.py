@@ -13,7 +13,7 @@ from pinflex.errors import DescriptionError
 
 if TYPE_CHECKING:
     from pinflex.results.result import Result
-    from pinflex.viewer.pictures import Picture
+    from pinflex.viewer.export.pictures import Picture
 
 _MISFITS = (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError)
 
@@ -82,16 +82,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from pinflex.results import checked
+    from pinflex.results import archive
     from pinflex.results.result import Result
-    from pinflex.viewer import pictures, serve
+    from pinflex.viewer import live
+    from pinflex.viewer.export import pictures
     from pinflex.viewer.view import view
 
     if args.live:
         from pinflex.viewer.live import require_meshcat
 
         require_meshcat()
-    most = checked.MOST * (args.limit or 1.0)
+    most = archive.MOST * (args.limit or 1.0)
     runs = [Result.load(file, most) for file in args.runs]
     result = runs[-1]
     rigid = None if args.rigid is None else Result.load(args.rigid, most)
@@ -115,9 +116,9 @@ def _run(args: argparse.Namespace) -> int:
         print(page)
         print("".join(f"{p.path}{f' ({p.note})' if p.note else ''}\n" for p in written), end="")
     if args.serve is not None:
-        serve.page_until_interrupted(page, args.serve)
+        live.page_until_interrupted(page, args.serve)
     elif args.live:
-        serve.live_until_interrupted(result, args.field, args.scale, args.meshes)
+        live.live_until_interrupted(result, args.field, args.scale, args.meshes)
     return 0
 
 
@@ -144,7 +145,7 @@ def _pictures(
     args: argparse.Namespace, result: Result, page: Path, instant: float | None
 ) -> list[Picture]:
     """Still and films beside the page."""
-    from pinflex.viewer import pictures
+    from pinflex.viewer.export import pictures
 
     written = []
     if instant is not None:

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from pinflex.description import (
-    curved,
-    fields,
-    flexible,
-    link_groups,
-    motion_block,
-    schema,
-    sources,
-    yaml_text,
-)
-from pinflex.description.control import Control
-from pinflex.description.control_block import read_control
-from pinflex.description.couplings import SINGLE, Coupling, couplings, read_actuated
-from pinflex.description.external import (
+from pinflex.description import sources
+from pinflex.description.blocks import curved, flexible
+from pinflex.description.blocks.control import Control, read_control
+from pinflex.description.blocks.external import (
     AddedMass,
     FrameForce,
     FrameSpring,
@@ -32,20 +25,158 @@ from pinflex.description.external import (
     read_forces,
     read_springs,
 )
-from pinflex.description.finding import find_file, model_names
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.frames import by_joint, frame, frames
-from pinflex.description.home import read_home
-from pinflex.description.joints import JointExtra, read_joints, with_urdf_dynamics
-from pinflex.description.link_mass import EndMass
+from pinflex.description.blocks.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.blocks.frames import by_joint, frame, frames
+from pinflex.description.blocks.joints import (
+    SINGLE,
+    Coupling,
+    JointExtra,
+    couplings,
+    read_actuated,
+    read_joints,
+    with_urdf_dynamics,
+)
+from pinflex.description.blocks.material import Material
+from pinflex.description.files import HOME_SIZES, Source, nameable
 from pinflex.description.loops import Loop, read_loops
-from pinflex.description.material import Material
-from pinflex.description.schema import Vec3
+from pinflex.description.reading import schema, yaml_text
+from pinflex.description.reading.schema import Vec3
 from pinflex.description.section import Section
 from pinflex.description.solve import SolveSpec, read_solve
-from pinflex.description.source import Source
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
+from pinflex.rotations import quaternion
 from pinflex.text import brief
+
+# The block `home` of a description: a guess of the configuration in Pinocchio's layout.
+
+Home = dict[str, float | tuple[float, ...]]
+
+
+def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
+    """The home guess in Pinocchio's layout; the file may also say rotation vectors and angles."""
+    home: Home = {}
+    movable = tuple(name for name, kind in types.items() if HOME_SIZES[kind])
+    for name, item in schema.mapping(value, where).items():
+        place = schema.at(where, name)
+        schema.known(name, place, movable, "moving joint")
+        sizes = HOME_SIZES[types[name]]
+        if sizes == (1,):
+            home[name] = schema.number(item, place, of=schema.quantity(types[name]))
+            continue
+        if not isinstance(item, list) or len(item) not in sizes:
+            raise DescriptionError(
+                f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
+                f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
+            )
+        lengths = len(item) if types[name] in ("planar", "floating") else 0
+        lengths = {3: 2, 6: 3, 7: 3}.get(lengths, 0)
+        of = [*["place"] * lengths, *["angle"] * (len(item) - lengths)]
+        values = tuple(schema.number(v, f"{place}[{i}]", of=of[i]) for i, v in enumerate(item))
+        if types[name] == "universal":
+            home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
+        elif types[name] == "planar":
+            home[name] = (*values[:2], math.cos(values[2]), math.sin(values[2]))
+        elif len(item) in (3, 6):
+            home[name] = (*values[:-3], *quaternion(np.array(values[-3:])).tolist())
+        else:
+            norm = math.hypot(*values[-4:])
+            if abs(norm - 1) > 1e-3:  # three digits are enough to be meant as a unit quaternion
+                raise DescriptionError(
+                    f"{place}: the quaternion x y z w has the norm {norm:.4g}. It must be 1."
+                )
+            home[name] = values
+    return home
+
+
+# The block `motion` of a YAML file, checked against the robot that it moves.
+
+
+def without_units(motion: object, types: Mapping[str, str]) -> object:
+    """A motion whose displacements have no units: "3 deg" is a number of rad."""
+    if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
+        return motion
+    found = dict(motion)
+    kinds = {"platform": dict.fromkeys("xyz", "prismatic"), "joints": types}
+    for target, of in kinds.items():
+        if isinstance(found.get(target), dict):
+            found[target] = {
+                name: schema.measured(value, schema.quantity(of.get(name, "")))
+                for name, value in found[target].items()
+            }
+    return found
+
+
+def read_motion(
+    value: object, where: str, folder: Path, actuated: tuple[str, ...], has_platform: bool
+) -> dict[str, Any]:
+    """The checked block, for `motion.from_spec`."""
+    from pinflex.description.motions import (
+        motion,  # late: a description without a motion does not need it
+    )
+
+    block = copy.deepcopy(schema.mapping(value, where))
+    if isinstance(block.get("file"), str):
+        block["file"] = str(folder.resolve() / block["file"])  # found from any folder
+    checked = motion.from_spec(block, where)
+    if checked.target == "platform" and not has_platform:
+        raise DescriptionError(
+            f"{where}: moves the platform, but the description names none. Add `platform: FRAME`."
+        )
+    if checked.target == "joints":
+        place = schema.at(where, "joints")
+        for name in checked.names:
+            schema.known(name, place, actuated, "joint with a motor")
+    return block
+
+
+# The file of a description: a path, a folder, or the name of a model that comes with pinflex.
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_MODEL_FOLDERS = (_PACKAGE / "models", _PACKAGE.parent / "models")
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the models that come with pinflex."""
+    found = (yaml_path for folder in _MODEL_FOLDERS for yaml_path in folder.glob("*/*.yaml"))
+    return tuple(sorted({p.stem for p in found if p.stem == p.parent.name}))
+
+
+def find_file(source: str | Path) -> Path:
+    """The file that a path, a folder or the name of a shipped model means."""
+    if not isinstance(source, (str, Path)) or "\0" in str(source) or not nameable(Path(source)):
+        raise ModelNotFoundError(
+            f"{schema.shown(source)}: no model. Give the path of a YAML file, its folder, or a "
+            "shipped name."
+        )
+    path = Path(source)
+    shown = str(source)
+    if path.is_file():
+        if path.suffix.lower() not in (".yaml", ".yml", *sources.READERS):
+            raise DescriptionError(
+                f'{shown}: not a YAML file. A description is a YAML with "urdf: {path.name}" or '
+                "another URDF in it (models/README.md). Give that file."
+            )
+        return path
+    if path.is_dir():
+        inside = path / f"{path.resolve().name}.yaml"
+        if inside.is_file():
+            return inside
+        others = [p.name for p in sorted(path.glob("*.yaml"))]
+        raise ModelNotFoundError(
+            f"{shown}: the folder holds no {inside.name}.{nearest(inside.name, others)} "
+            "Give the file itself."
+        )
+    for folder in _MODEL_FOLDERS:
+        shipped = folder / shown / f"{shown}.yaml"
+        if shown == path.name and shipped.is_file():
+            return shipped
+    beside = [p.name for p in sorted(path.parent.glob("*.y*ml"))] if path.parent.is_dir() else []
+    known = (*beside, *model_names())
+    raise ModelNotFoundError(
+        f"{shown}: no such file, folder or shipped model.{nearest(path.name, known)} "
+        "Give the path of a YAML file."
+    )
+
 
 __all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loop", "Material"]
 __all__ += ["Section", "SolveSpec", "model_names", "read"]
@@ -116,14 +247,14 @@ class Description:
     urdf_text: str
     yaml_text: str
     package_dirs: tuple[str, ...] = ()
-    gravity: Vec3 = fields.key((0.0, 0.0, -9.81), partial(schema.vector, of="acceleration"))
-    base: str = fields.word("fixed", ("fixed", "free_flyer"))
+    gravity: Vec3 = schema.key((0.0, 0.0, -9.81), partial(schema.vector, of="acceleration"))
+    base: str = schema.word("fixed", ("fixed", "free_flyer"))
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
-    share: str = fields.word("least", ("least",))
+    share: str = schema.word("least", ("least",))
     loops: tuple[Loop, ...] = ()
-    idle: str = fields.word("held", ("held", "free"))
+    idle: str = schema.word("held", ("held", "free"))
     forces: tuple[FrameForce, ...] = ()
     control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
@@ -136,9 +267,9 @@ class Description:
     system_damping: tuple[float, float] = (0.0, 0.0)
     motion: dict[str, Any] | None = None
     solve: SolveSpec = field(default_factory=SolveSpec)
-    limit: float = fields.real(1.0, "ratio", above=0)
-    allow: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ALLOWED, what="word"))
-    use_urdf_dynamics: bool = fields.flag(True)
+    limit: float = schema.real(1.0, "ratio", above=0)
+    allow: tuple[str, ...] = schema.key((), partial(schema.names, allowed=ALLOWED, what="word"))
+    use_urdf_dynamics: bool = schema.flag(True)
     notes: tuple[str, ...] = ()
 
     @property
@@ -167,7 +298,7 @@ class Description:
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
         blocks = self.blocks().get("flexible") or {}
-        return link_groups.expand(blocks, f"{self.name}.yaml: flexible", self.tree())
+        return flexible.expand(blocks, f"{self.name}.yaml: flexible", self.tree())
 
     def blocks(self) -> dict[str, Any]:
         """The YAML as plain data."""
@@ -199,13 +330,13 @@ class Description:
         links: dict[str, list[str]] = {}
         if "flexible" in raw and any(c.strip().startswith("flexible") for c in changes):
             place = f"{self.name}.yaml: flexible"
-            links = link_groups.groups(schema.mapping(raw["flexible"], place), place, tree)
-            raw["flexible"] = link_groups.expand(raw["flexible"], place, tree)
+            links = flexible.groups(schema.mapping(raw["flexible"], place), place, tree)
+            raw["flexible"] = flexible.expand(raw["flexible"], place, tree)
         before = _robot(raw)
         for assignment in changes:
             yaml_text.set_path(raw, assignment)
         if links and _robot(raw) == before and isinstance(raw.get("flexible"), dict):
-            raw["flexible"] = link_groups.gathered(raw["flexible"], links)
+            raw["flexible"] = flexible.gathered(raw["flexible"], links)
         return _describe(
             _dumped(raw), self.name, self.path, tree if _robot(raw) == before else None, raw
         )
@@ -241,7 +372,7 @@ def _describe(
         }
         tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
-    values = fields.read(Description, block, place)
+    values = schema.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
     loops = read_loops(block.get("loops", {}), place["loops"], tree)
@@ -258,8 +389,8 @@ def _describe(
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
     if "motion" in block:
-        written = motion_block.without_units(block["motion"], types)
-        values["motion"] = motion_block.read_motion(
+        written = without_units(block["motion"], types)
+        values["motion"] = read_motion(
             written, place["motion"], folder, actuated, "platform" in block
         )
     return Description(

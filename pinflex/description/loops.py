@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from pinflex import registered
-from pinflex.description import fields, schema
-from pinflex.description.frames import WORLD, ends
-from pinflex.description.schema import Vec3
-from pinflex.description.source import Source
+from pinflex.description.blocks.frames import WORLD, ends
+from pinflex.description.files import Source
+from pinflex.description.reading import schema
+from pinflex.description.reading.schema import Vec3
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
 
@@ -117,12 +117,12 @@ class Loop:
     kind: str
     frame_a: str
     frame_b: str
-    axis: Vec3 = fields.key((0.0, 0.0, 1.0), schema.direction)
-    axis_b: Vec3 | None = fields.key(None, schema.direction)
-    length: float | None = fields.real(None, "length", above=0)
-    sleeve: float = fields.real(0.0, "length", low=0)
-    pivoting: bool = fields.flag(False)
-    turning: bool = fields.flag(True)
+    axis: Vec3 = schema.key((0.0, 0.0, 1.0), schema.direction)
+    axis_b: Vec3 | None = schema.key(None, schema.direction)
+    length: float | None = schema.real(None, "length", above=0)
+    sleeve: float = schema.real(0.0, "length", low=0)
+    pivoting: bool = schema.flag(False)
+    turning: bool = schema.flag(True)
     grounded: bool = False
     at: Vec3 | None = None
 
@@ -136,7 +136,7 @@ def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
 
 
 def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
-    keys = ("kind", "between", *fields.names_of(Loop), "at")
+    keys = ("kind", "between", *schema.names_of(Loop), "at")
     block = schema.mapping(value, where, keys, ("kind", "between"))
     place = {key: schema.at(where, key) for key in keys}
     kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
@@ -144,14 +144,14 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
     grounded = "at" in block or (WORLD not in urdf.links and WORLD in pair)
     a, b = ends(pair, place["between"], urdf, grounded)
     at = _at(block, place["at"], (a, b), kind)
-    for key in fields.names_of(Loop):
+    for key in schema.names_of(Loop):
         if key in block and key not in LOOP_KINDS[kind].keys:
             owners = ", ".join(k.name for k in LOOP_KINDS.values() if key in k.keys)
             raise DescriptionError(
                 f"{place[key]}: has no meaning for the kind {kind}, only for {owners}. "
                 "Remove it, or change the kind."
             )
-    values = fields.read(Loop, block, place)
+    values = schema.read(Loop, block, place)
     loop = Loop(name, kind, a, b, **values, grounded=grounded, at=at)
     if loop.pivoting and loop.sleeve == 0:
         raise DescriptionError(

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pinflex import registered
-from pinflex.description import schema, torsion
-from pinflex.description.ranges import RANGES
+from pinflex.description.blocks import torsion
+from pinflex.description.reading import schema
+from pinflex.description.reading.schema import RANGES
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 

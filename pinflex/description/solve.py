@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pinflex import registered
-from pinflex.description import fields, schema
+from pinflex.description.reading import schema
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
@@ -144,25 +144,25 @@ class SolveSpec:
 
     __repr__ = brief
 
-    level: str = fields.word("coupled", LEVELS)
-    until: float | None = fields.real(None, "time", above=0)
-    dt: float | None = fields.real(None, "time", above=0)
-    samples: int | None = fields.whole(None, 2)
-    tol: float | None = fields.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
-    asked: tuple[str, ...] = fields.key((), partial(schema.names, allowed=ASKED, what="output"))
-    integrator: Any = fields.key(None, partial(_word, words=INTEGRATORS))
-    rho_inf: float | None = fields.real(None, low=0, high=1)
-    newmark: tuple[float, float] | None = fields.key(None, _newmark)
-    ked: str = fields.word("full", KED_TERMS)
-    theta: float | None = fields.real(None, low=1.37, high=4)
-    modes: int | None = fields.whole(None, 1)
-    drive: str = fields.word("prescribed", DRIVES)
-    kp: float = fields.real(0.0, "stiffness", low=0)
-    kd: float = fields.real(0.0, "damping", low=0)
-    start: Any = fields.key(
+    level: str = schema.word("coupled", LEVELS)
+    until: float | None = schema.real(None, "time", above=0)
+    dt: float | None = schema.real(None, "time", above=0)
+    samples: int | None = schema.whole(None, 2)
+    tol: float | None = schema.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
+    asked: tuple[str, ...] = schema.key((), partial(schema.names, allowed=ASKED, what="output"))
+    integrator: Any = schema.key(None, partial(_word, words=INTEGRATORS))
+    rho_inf: float | None = schema.real(None, low=0, high=1)
+    newmark: tuple[float, float] | None = schema.key(None, _newmark)
+    ked: str = schema.word("full", KED_TERMS)
+    theta: float | None = schema.real(None, low=1.37, high=4)
+    modes: int | None = schema.whole(None, 1)
+    drive: str = schema.word("prescribed", DRIVES)
+    kp: float = schema.real(0.0, "stiffness", low=0)
+    kd: float = schema.real(0.0, "damping", low=0)
+    start: Any = schema.key(
         "auto", partial(_word, words=STARTS), choices=STARTS, form={"enum": STARTS}
     )
-    start_speeds: Speeds = fields.key((), _speeds)
+    start_speeds: Speeds = schema.key((), _speeds)
 
     @property
     def method(self) -> Any:
@@ -192,7 +192,7 @@ class SolveSpec:
         return str(getattr(given, "name", getattr(given, "__name__", type(given).__name__)))
 
 
-_KEYS = fields.names_of(SolveSpec)
+_KEYS = schema.names_of(SolveSpec)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
@@ -273,7 +273,7 @@ def _given(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _spec(spec: SolveSpec, given: Mapping[str, Any], place: Mapping[str, str]) -> SolveSpec:
     """The spec with the given keys read into it; Newmark's coefficients name their integrator."""
-    values = fields.read(SolveSpec, given, place)
+    values = schema.read(SolveSpec, given, place)
     if "newmark" in values:
         values.setdefault("integrator", "newmark")
     return replace(spec, **values)

@@ -13,9 +13,8 @@ from importlib import import_module
 from pathlib import Path
 
 from pinflex import registered
-from pinflex.description import urdf
-from pinflex.description.files import MOST_TEXT, nameable, require_regular
-from pinflex.description.source import Source
+from pinflex.description.files import MOST_TEXT, Source, nameable, require_regular
+from pinflex.description.robots import urdf
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 
 # Text, file name and package folders of a file to what is in it.
@@ -26,7 +25,7 @@ def _late(module: str) -> Reader:
     """The function `read` of a module of this package, imported at its first call."""
 
     def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
-        found: Reader = import_module(f"pinflex.description.{module}").read
+        found: Reader = import_module(f"pinflex.description.robots.{module}").read
         return found(text, file, package_dirs)
 
     return read
@@ -84,7 +83,9 @@ def read(
     if arguments:
         if Path(file).suffix.lower() != ".xacro":
             raise DescriptionError(f"xacro_args: {file} is no xacro. Remove the key.")
-        reader = partial(import_module("pinflex.description.xacro_files").read, arguments=arguments)
+        reader = partial(
+            import_module("pinflex.description.robots.xacro_files").read, arguments=arguments
+        )
     source = reader(text, file, package_dirs)
     # The name says what the text is now, so that it can be read again.
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")

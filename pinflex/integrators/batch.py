@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.integrators.compiled_stages import Stages
+from pinflex.integrators.compiled import Stages
 from pinflex.kernel.march import MarchKernel, Table
 
 STATE = ("y", "v", "a", "lam", "torque")

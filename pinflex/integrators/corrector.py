@@ -8,16 +8,21 @@ correction: Zadunaisky 1976; Skeel 1982). A corrected run can be corrected in it
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import with_one_more
-from pinflex.integrators.compiled_stages import Stages
+from pinflex.integrators.compiled import Stages
 from pinflex.integrators.march import CONTROL
+from pinflex.integrators.run import Run
 from pinflex.kernel.march import Marched, MarchKernel, no_table
+from pinflex.mechanics.evaluation.closure_motion import closure_motion
+from pinflex.mechanics.evaluation.equations import Equations
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
 _SLOW = 0.1
@@ -93,3 +98,110 @@ class Corrector:
         made = self.stages.compiled.march(marched, table, room)
         made.at.slow, made.at.same_step = self._slow, CONTROL.same_step
         return made
+
+
+# Accelerations and multipliers at samples inside long steps, from the equations of motion there.
+#
+#     [ S  J' ] [  da  ]     [ r  ]
+#     [ J  0  ] [ -dlam] = - [ c'']          S = M + h C / 7 + h^2 K / 50
+#
+# The polynomial of a step's accelerations is of two orders less than that of its poses: forces and
+# stresses, which follow from accelerations, would be much less accurate inside a step than at its
+# end. What the polynomial leaves in the equations is taken away. Its poses are off too, by about
+# h^2 / 50 of what its accelerations are: S lets stiff vibration, which the pose of a sample does
+# not resolve, follow the polynomial as before.
+
+# Errors of velocities and poses over those of accelerations, of h and h^2: of polynomials through
+# seven points, 1 / s and 1 / s (s + 1).
+_BY_V, _BY_Y = 1.0 / 7.0, 1.0 / 50.0
+_BLOCKS = 13  # of neighbours that share matrices: one correction more is cheaper than new ones
+_ROUNDS = 8
+_LEFT = 1e-6  # of the first correction: no output shows it
+_SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
+_AT = 1e-9  # of the run: a sample so near a jump may lie on either side
+
+
+@dataclass(frozen=True)
+class Inside:
+    """Solves the equations of a run at its samples.
+
+    Attributes:
+        free: Velocity rows that are solved for.
+        pull: From a run to the motors' torques (n, motors), where they push; None: they follow.
+        jumps: Times in s at which accelerations jump, the start among them.
+        h: Length of the steps in s.
+    """
+
+    free: IntArray
+    pull: Callable[[Run], Array] | None
+    jumps: Sequence[float]
+    h: float
+
+    def __call__(self, run: Run) -> Run:
+        """The run with accelerations and multipliers that solve the equations, but at jumps.
+
+        As it was where coordinates have no mass, or corrections do not shrink.
+        """
+        near = _AT * float(np.ptp(run.t)) if len(run.t) > 1 else 0.0
+        away = np.abs(run.t[:, None] - np.asarray(self.jumps)).min(axis=1, initial=np.inf)
+        some = np.flatnonzero(away > near)
+        if not len(some):
+            return run
+        at, dynamics = run.at(some), Equations(run.system)
+        pull = np.zeros(at.a.shape)
+        if self.pull is not None:
+            pull[:, run.system.motors] = self.pull(at)
+        a, lam = run.a.copy(), run.lam.copy()
+        for block in np.array_split(np.arange(len(some)), min(_BLOCKS, len(some))):
+            if not self._solve(dynamics, at, pull, block):
+                return run
+        a[some], lam[some] = at.a, at.lam
+        return replace(run, a=a, lam=lam)
+
+    def _solve(self, dynamics: Equations, run: Run, pull: Array, block: IntArray) -> bool:
+        """Solve at neighbouring samples, in place; whether that was possible."""
+        y, v, a, lam, t = (x[block] for x in (run.y, run.v, run.a, run.lam, run.t))
+        found = self._matrices(dynamics, run.at(block[[len(block) // 2]]))
+        if found is None:
+            return False
+        inverse, soft, J = found
+        free, n, first = self.free, len(self.free), 0.0
+        moved = np.zeros((len(block), len(inverse)))
+        for _ in range(_ROUNDS):
+            left = np.zeros_like(moved)
+            left[:, :n] = (dynamics.residual(y, v, a, lam, t).r - pull[block])[:, free]
+            left[:, :n] += moved[:, :n] @ soft.T
+            if len(J):
+                left[:, n:] = closure_motion(dynamics, y, v, a)[2]
+            change = -left @ inverse.T
+            moved += change
+            a[:, free] += change[:, :n]
+            lam -= change[:, n:]
+            far = float(np.max(np.abs(change[:, :n]), initial=0.0))
+            first = max(first, far)
+            if far <= _LEFT * first:
+                run.a[block], run.lam[block] = a, lam
+                return True
+        halves = np.array_split(block, 2)
+        return len(block) > 1 and all(self._solve(dynamics, run, pull, half) for half in halves)
+
+    def _matrices(self, dynamics: Equations, run: Run) -> tuple[Array, Array, Array] | None:
+        """Inverse of [[S, J'], [J, 0]], S - M and J in a state; None: it is singular."""
+        y, v, a, lam, t = run.y[0], run.v[0], run.a[0], run.lam[0], float(run.t[0])
+        M, C, K, J = dynamics.tangent(y, v, a, lam, t)
+        free, n, rows = self.free, len(self.free), len(J)
+        at = np.ix_(free, free)
+        soft = (self.h * _BY_V * C + self.h**2 * _BY_Y * K)[at]
+        S = np.zeros((n + rows, n + rows))
+        S[:n, :n] = M[at] + soft
+        S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
+        size = np.ones(n + rows)
+        size[:n] = np.sqrt(np.maximum(np.abs(np.diag(S)[:n]), 1e-300))
+        scaled = S / (size[:, None] * size)
+        try:
+            inverse = np.linalg.inv(scaled)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1) < _SINGULAR:
+            return None
+        return inverse / (size[:, None] * size), soft, J

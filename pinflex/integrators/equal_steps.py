@@ -10,13 +10,13 @@ from pinflex.actuation.drive import MotorPath, TorqueDrive, kinks
 from pinflex.actuation.feedback import Feedback
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
-from pinflex.integrators.compiled_alpha import compiled_alpha
+from pinflex.integrators.collocation import AlphaScheme
+from pinflex.integrators.compiled import compiled_alpha
 from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.run import Run
-from pinflex.integrators.schemes import AlphaScheme
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.expanded import gear_name
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.expanded import gear_name
 
 # Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
 # this fraction of what the acceleration is at the time: measured on the race scenes, torques and

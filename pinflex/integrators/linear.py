@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.integrators.schemes import AlphaScheme
+from pinflex.integrators.collocation import AlphaScheme
 from pinflex.linalg import saddle
 
 _MASSLESS = 1e-24  # of the largest mass: round-off of a coordinate that has none
@@ -56,7 +56,7 @@ def start_at_rest(now: Instant, d: Array) -> State:
 
 
 def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Newmark, or another member of the alpha family (pinflex.integrators.schemes)."""
+    """Newmark, or another member of the alpha family (pinflex.integrators.collocation)."""
     factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
     by_a, by_v, by_d = scheme.weights(h)
     state = start_at_rest(at(0), d)

@@ -21,11 +21,10 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.arrays import Array
-from pinflex.integrators.consistent import consistent_acceleration
-from pinflex.integrators.problem import Problem
-from pinflex.integrators.schemes import AlphaScheme
+from pinflex.integrators.collocation import AlphaScheme
+from pinflex.integrators.problem import Problem, consistent_acceleration
 from pinflex.linalg import lapack
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 MAX_ITERATIONS = 12

@@ -12,9 +12,9 @@ from pinflex.arrays import Array, IntArray
 from pinflex.text import brief
 
 if TYPE_CHECKING:
+    from pinflex.actuation.feedback import Signals
     from pinflex.actuation.nominal import Nominal
-    from pinflex.actuation.signals import Signals
-    from pinflex.mechanics.system import System
+    from pinflex.mechanics.model.system import System
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
+from pinflex.integrators.collocation import newmark
 from pinflex.integrators.linear import At, Instant, State, alpha, start_at_rest
-from pinflex.integrators.schemes import newmark
 from pinflex.linalg import eigh, lapack, null_space, saddle
 
 

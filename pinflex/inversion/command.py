@@ -14,20 +14,18 @@ from pinflex.advice.error_bars import platform_bar
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.cards import card, grid, pairs
-from pinflex.description.laws import Kinematics
-from pinflex.description.motion import Motion
+from pinflex.description.motions.laws import Kinematics
+from pinflex.description.motions.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
-from pinflex.inversion.grid import instants_over
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import Poles, internal_poles
-from pinflex.inversion.limits import require_within_curves, require_within_limits
-from pinflex.inversion.on_grid import on_grid
-from pinflex.inversion.target import target
-from pinflex.mechanics.joints import sliding
+from pinflex.inversion.on_grid import instants_over, on_grid
+from pinflex.inversion.target import require_within_curves, require_within_limits, target
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery.drives import drives
 from pinflex.results.error_bars import NOT_MEASURED
 from pinflex.solver.solve import default_motion
@@ -224,7 +222,7 @@ def command(
         before, after: Rest ahead of the motion and after it, s; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
         instants: Number of grid points; default: 150 over the motion, of level exact more where
-            fast modes ring after it (`pinflex.inversion.grid`).
+            fast modes ring after it (`pinflex.inversion.on_grid`).
         limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
             limit curve of a drive.
     Returns:
@@ -234,7 +232,7 @@ def command(
         MotionError: A path with jumps in its acceleration, beyond reach, or beyond what the URDF
             lets the motors do.
         ConvergenceError: No motor motion found.
-    Source: see `pinflex.inversion.series` and `pinflex.inversion.exact`.
+    Source: see `pinflex.inversion.on_grid` and `pinflex.inversion.exact`.
     """
     if level not in LEVELS:
         raise DescriptionError(f"command: level: {level}.{nearest(level, LEVELS)}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 
 

@@ -21,8 +21,8 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array, IntArray, spans
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.target import Target
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import PlatformCoordinates
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import PlatformCoordinates
 from pinflex.mechanics.mechanism import Mechanism
 
 _BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off

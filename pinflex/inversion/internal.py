@@ -14,9 +14,9 @@ import numpy as np
 from scipy.linalg import eig
 
 from pinflex.arrays import Array
-from pinflex.description.motion import Motion, hold
+from pinflex.description.motions.motion import Motion, hold
 from pinflex.inversion.instant import Balanced, Instant, balanced
-from pinflex.inversion.series import rigid_guess
+from pinflex.inversion.on_grid import rigid_guess
 from pinflex.inversion.target import Target, target
 from pinflex.linalg import null_space
 from pinflex.mechanics.mechanism import Mechanism

@@ -27,8 +27,8 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.modes import condensed
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import null_space
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.threads import one_blas_thread
 

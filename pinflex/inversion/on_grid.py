@@ -4,18 +4,303 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from pinflex.arrays import Array
-from pinflex.description.motion import Motion
-from pinflex.inversion.after import swing_after
-from pinflex.inversion.exact import invert
-from pinflex.inversion.flat import flat
-from pinflex.inversion.instant import Balanced, Instant
-from pinflex.inversion.series import rigid_guess, series
+from pinflex.arrays import Array, IntArray
+from pinflex.description.motions.motion import Motion
+from pinflex.errors import ConvergenceError
+from pinflex.inversion.differences import EIGHTH, padded, rates, spline
+from pinflex.inversion.exact import flat, invert
+from pinflex.inversion.instant import Balanced, Instant, balanced
 from pinflex.inversion.target import delayed
+from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
+from pinflex.linalg import eigh, lapack, null_space, saddle, saddle_matrix
+from pinflex.mechanics.manifold import Manifold
+from pinflex.mechanics.mechanism import Mechanism
+
+# What a mechanism does when the motors of a command stop at its end: free vibration about rest.
+#
+# Motors that stop with a way to go, or at speed, leave the mechanism off its equilibrium. Where
+# they stop at once they give it a blow that keeps the momenta of everything else,
+#
+#     N' M_ff N z' = N' (M_ff v_f + M_fm v_m),      J_f N = 0
+#
+# where they stop softly the elastic speeds stay, N z' = v_f: the larger one counts. Each mode
+# swings on with the energy that it then has. Damping is left out: a bar.
+
+_SAFETY = 2.0  # to first order, and of loops neither a blow nor soft: seen up to 1.7
+_STILL = 1e-6  # of the fastest rate, below which nothing holds a mode: it goes on, and is left out
+
+
+def swing_after(instant: Instant, found: Balanced, rest: Balanced, n: int) -> Array:
+    """Bar on the platform's error [m | rad] after the motors have stopped, shape (k,)."""
+    d, motors, free = instant.dynamics, instant.system.motors, instant.free
+    around = found.y[n - 1 - EIGHTH.reach : n + EIGHTH.reach]
+    v = rates(d, around, float(instant.target.t[1]), EIGHTH)[0][0]
+    y, still = rest.y[n - 1], np.zeros(instant.system.nv)
+    M, _, K, J = d.tangent(y, still, still, rest.lam[n - 1], float(instant.target.t[n - 1]))
+    P = instant.platform.at(d.kinematics(y[None]))[1][0]
+    off = d.difference(y, found.y[n - 1])
+    # the equilibrium of where the motors stop, and the way and speed from there
+    J_f, stop = J[:, free], off[motors]
+    balance, _ = saddle(
+        K[np.ix_(free, free)], J_f, J_f, -K[np.ix_(free, motors)] @ stop, -J[:, motors] @ stop
+    )
+    N = null_space(J_f)
+    m, k = (N.T @ x[np.ix_(free, free)] @ N for x in (M, K))
+    squares, Z = eigh(0.5 * (k + k.T), 0.5 * (m + m.T))
+    way = Z.T @ m @ N.T @ (off[free] - balance)
+    blow, soft = Z.T @ N.T @ M[free] @ v, Z.T @ m @ N.T @ v[free]
+    speed = np.maximum(np.abs(blow), np.abs(soft))
+    rate = np.sqrt(np.maximum(squares, 0.0))
+    held = rate > _STILL * np.max(rate, initial=0.0)
+    swing = np.hypot(way[held], speed[held] / rate[held])
+    shapes = np.abs(P[:, free] @ N @ Z[:, held])
+    stays = np.abs(P[:, motors] @ stop + P[:, free] @ balance)
+    return np.asarray(_SAFETY * (stays + shapes @ swing))
+
+
+# How many instants an exact command needs: from the modes that ring after the motion.
+#
+# Where the fifth derivative of a motion jumps, as at the ends of a nonic, a mode of frequency f is
+# left with a swing like f^-5. Differences of order 8 that are h apart see its inertia with a
+# relative error e(2 pi f h), and a command leaves that share of its swing. Each of n modes may
+# leave an n-th part of the share wanted of what the first one swings with the rigid command:
+#
+#     e(2 pi f h) (f_1 / f)^5 <= 1e-4 / n
+
+_SHARE = 1e-4  # of the rigid command's swing
+_CORNER = 5  # power of the frequency: the derivative of the motion that jumps
+_FAST = 70.0  # periods in the motion, beyond which its ends leave 1e-9 of the way: none to lower
+_LEAST = 150  # instants over the motion
+
+
+def instants_over(mechanism: Mechanism, duration: float) -> int:
+    """Instants over a motion of some duration [s]."""
+    found = modes(mechanism, count=mechanism.flexible.nv).frequencies
+    f = found[(found > 0.0) & (found * duration < _FAST)]
+    if not len(f):
+        return _LEAST
+    share = (f[0] / f) ** _CORNER
+    allowed = _SHARE / np.sum(share > _SHARE) / share
+    phase = np.linspace(0.0, np.pi, 721)[1:]
+    missed = np.abs(_second(phase) / phase**2 - 1.0)  # grows with the phase
+    longest = np.interp(allowed, missed, phase, right=np.inf) / (2.0 * np.pi * f)
+    return max(_LEAST, int(np.ceil(duration / float(np.min(longest)))))
+
+
+def _second(phase: Array) -> Array:
+    """Square of a rate (phase per instant) as differences of order 8 see it."""
+    reach = np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
+    return np.asarray(-np.cos(np.outer(phase, reach)) @ EIGHTH.second)
+
+
+# What a flexible mechanism does with a command: its vibration about the poses that were planned.
+#
+# Poses y(t) that put the platform on its path leave forces e = r(y, v, a, lam) open in the rows
+# that no motor drives: the inertia of the last elastic change. With its motors on the command the
+# mechanism departs from y by d,
+#
+#     M d'' + C d' + K d - J' dlam = -e,     J d = -c(y),     d = 0 at the motors and at the start
+#
+# a linear system that changes along the motion; what it rings with is in the answer, damped or not.
+# One march of Newmark's rule finds d to first order. The rows of y + d, with differences of order
+# 8, hold what large departures, the steps and the interpolation of the matrices leave of them; a
+# second march tells what that is worth at the platform.
+#
+# Source: Geradin, Cardona (2001), Flexible Multibody Dynamics, ch. 7 (Newmark's rule with
+# closures); Stetter (1978), Numer. Math. 29, 425 (the correction by a defect estimates the error).
+
+_NODES = 16  # intervals over the motion in which matrices are straight lines: the defect tells
+
+
+class _Matrices(NamedTuple):
+    """M, C, K (free, free) and J (rows, free) of the coordinates that no motor drives."""
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+
+
+class Forward:
+    """The forward equations, linearised along the motion of poses that balance a path.
+
+    For any poses near those: the motors' motion is that of the poses that are asked about.
+    """
+
+    def __init__(self, instant: Instant, found: Balanced) -> None:
+        """Evaluate and factorise the system along `found`."""
+        self._instant, self._manifold = instant, Manifold(instant.dynamics)
+        self._h = float(instant.target.t[1] - instant.target.t[0])
+        v, a, _ = self._rates(found.y, instant.axes.read(found.y))
+        at = _nodes(instant.target.path.v)
+        every = [self._matrices(int(k), found, v, a) for k in at]
+        self._from = every
+        self._rise = [
+            _Matrices(*(y - x for x, y in zip(*pair, strict=True)))
+            for pair in zip(every, [*every[1:], every[-1]], strict=True)
+        ]
+        inside = np.clip(np.arange(len(found.y)), at[0], at[-1])
+        self._node = np.searchsorted(at, inside, side="right") - 1
+        width = np.append(np.diff(at), 1)
+        self._part = (inside - at[self._node]) / width[self._node]
+        self._factors: dict[tuple[int, float], tuple[Array, Array]] = {}
+
+    def platform_error(self, found: Balanced, kept: slice = slice(None)) -> Array:
+        """Bar on how far the platform is from its path [m | rad], shape (k,).
+
+        The largest of what two marches find, and of what the second one changes.
+        """
+        motors = self._instant.axes.read(found.y)
+        forces, gap, _ = self._open(found.y, found.lam, motors)
+        d, lam = self._departure(forces, gap)
+        y = self._manifold.retract(found.y, d)
+        forces, gap, first = self._open(y, found.lam + lam, motors)
+        d, _ = self._departure(forces, gap)
+        platform, target = self._instant.platform, self._instant.target
+        values = platform.values(self._instant.dynamics.joint_poses(self._manifold.retract(y, d)))
+        error = platform.error(values, target.position)
+        parts = (np.max(np.abs(x[kept]), axis=0) for x in (error, error - first))
+        return np.asarray(np.nan_to_num(sum(parts), nan=np.inf))
+
+    def _rates(self, y: Array, motors: Array) -> tuple[Array, Array, IntArray]:
+        """v and a of poses, those of the motors as the spline of the command has them.
+
+        And the instants that differ from the one before them: those of a rest are one.
+        """
+        instant, t = self._instant, self._instant.target.t
+        v, a = rates(instant.dynamics, padded(y, EIGHTH.reach), self._h, EIGHTH)
+        own = instant.changing(y, v, a)
+        curve, rows = spline(t, np.unwrap(motors, axis=0)), instant.system.motors
+        v[:, rows], a[:, rows] = curve(t, 1), curve(t, 2)
+        return v, a, own
+
+    def _matrices(self, k: int, found: Balanced, v: Array, a: Array) -> _Matrices:
+        instant = self._instant
+        free, t = instant.free, float(instant.target.t[k])
+        M, C, K, J = instant.dynamics.tangent(found.y[k], v[k], a[k], found.lam[k], t)
+        square = np.ix_(free, free)
+        return _Matrices(M[square], C[square], K[square], J[:, free])
+
+    def _open(self, y: Array, lam: Array, motors: Array) -> tuple[Array, Array, Array]:
+        """Forces left open (nt, free), of closures (nt, rows), of the platform (nt, k)."""
+        instant = self._instant
+        v, a, own = self._rates(y, motors)
+        some, _ = instant.residuals(own, y[own], v[own], a[own], lam[own])
+        rows = some[np.searchsorted(own, np.arange(len(y)), side="right") - 1]
+        n, m, k = len(instant.free), instant.rows, len(instant.target.names)
+        return rows[:, :n], rows[:, n : n + m], rows[:, n + m : n + m + k]
+
+    def _departure(self, forces: Array, gap: Array) -> tuple[Array, Array]:
+        """d (nt, nv) and dlam (nt, rows) under open forces (nt, free) and gaps (nt, rows)."""
+        dgetrs = lapack().dgetrs
+        n, h, quarter = forces.shape[1], self._h, 0.25 * self._h**2
+        out, lam = np.zeros((len(forces), self._instant.system.nv)), np.zeros_like(gap)
+        d, v, a = np.zeros((3, n))
+        right = np.empty(n + gap.shape[1])
+        for k in range(1, len(forces)):
+            node, part = int(self._node[k]), float(self._part[k])
+            here, rise = self._from[node], self._rise[node]
+            d, v = d + h * v + quarter * a, v + 0.5 * h * a
+            right[:n] = -forces[k] - here.C @ v - here.K @ d
+            right[n:] = gap[k] + here.J @ d
+            if part:
+                right[:n] -= part * (rise.C @ v + rise.K @ d)
+                right[n:] += part * (rise.J @ d)
+            right[n:] /= -quarter
+            x, _ = dgetrs(*self._factorised(node, part), right)
+            a, lam[k] = x[:n], x[n:]
+            d, v = d + quarter * a, v + 0.5 * h * a
+            out[k, self._instant.free] = d
+        return out, lam
+
+    def _factorised(self, node: int, part: float) -> tuple[Array, Array]:
+        """LU factors of a step's saddle matrix; at rest all steps have one."""
+        if (node, part) not in self._factors:
+            here, rise, h = self._from[node], self._rise[node], self._h
+            M, C, K, J = (x + part * y for x, y in zip(here, rise, strict=True))
+            S = saddle_matrix(M + 0.5 * h * C + 0.25 * h * h * K, J)
+            self._factors[node, part] = lapack().dgetrf(S)[:2]
+        return self._factors[node, part]
+
+
+def _nodes(v: Array) -> IntArray:
+    """Instants at which matrices are evaluated: evenly over the time in which the path moves."""
+    moving = np.flatnonzero(np.any(v != 0.0, axis=1))
+    if not len(moving):
+        return np.zeros(1, dtype=np.intp)
+    first, last = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(v) - 1)
+    return np.unique(np.linspace(first, last, _NODES + 1).round().astype(np.intp))
+
+
+# The quasistatic command: an asymptotic series in (elastic period / time of the motion)^2.
+#
+# The pose that balances the rigid motion's inertia forces is differentiated in time, and balanced
+# again with its own rates; every pass gains that factor until the series diverges. Of its passes
+# the one with the smallest error of the platform is taken, which is what the forces that it leaves
+# open do to the mechanism (`pinflex.inversion.on_grid`), vibration included.
+#
+# Source: Seifried (2014), ch. 6 (quasi-static approximation), taken further by iteration.
+
+_PASSES = 8
+_ENOUGH = 1e-9  # m or rad: a smaller error is below what the differences resolve
+
+
+@dataclass(frozen=True)
+class Series:
+    """The passes of a quasistatic command.
+
+    Attributes:
+        found: The pass with the smallest error.
+        error: Bar on its platform coordinates [m | rad], shape (k,).
+        changes: Largest change of a motor position from pass to pass [m | rad].
+    """
+
+    found: Balanced
+    error: Array
+    changes: tuple[float, ...]
+
+
+def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
+    """The undeformed mechanism on the path, and its v and a."""
+    path, system = instant.target.path, instant.system
+    nt, n = len(path.t), path.v.shape[1]
+    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
+    v[:, :n], a[:, :n] = path.v, path.a
+    lam = np.zeros((nt, instant.rows))
+    torque = np.zeros((nt, len(system.motors)))
+    return Balanced(path.straight(system.n_eta), lam, torque), v, a
+
+
+def series(instant: Instant, kept: slice = slice(None)) -> Series:
+    """Balance along the path, again and again, until the platform's error grows."""
+    guess, v, a = rigid_guess(instant)
+    h = float(instant.target.t[1] - instant.target.t[0])
+    last = balanced(instant, guess, v, a)
+    forward, by_platform = Forward(instant, last), np.linalg.pinv(instant.target.gain[0])
+    best, smallest, changes = last, np.inf, list[float]()
+    bar = np.full(len(instant.target.names), np.inf)
+    for _ in range(_PASSES):
+        error = forward.platform_error(last, kept)
+        size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
+        if size < smallest:
+            best, bar = last, error
+        if not _ENOUGH < size < smallest:
+            break
+        smallest = size
+        v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
+        try:
+            following = balanced(instant, last, v, a)
+        except ConvergenceError:
+            break
+        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
+        changes.append(float(np.max(np.abs(moved))))
+        last = following
+    return Series(best, bar, tuple(changes))
 
 
 @dataclass(frozen=True)

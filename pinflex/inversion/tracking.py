@@ -9,8 +9,7 @@ import numpy as np
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.control import Control, Effort, Travel
-from pinflex.description.digital import digital_pid
+from pinflex.description.blocks.control import Control, Effort, Travel, digital_pid
 from pinflex.inversion.command import Command
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 

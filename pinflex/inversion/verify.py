@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.advice.solve import solve
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.inversion.command import Command
 from pinflex.inversion.target import delayed
 from pinflex.mechanics.mechanism import Mechanism

@@ -15,8 +15,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.kernel.header import constant, structure
-from pinflex.kernel.memory import Block
-from pinflex.kernel.stages import StageKernel
+from pinflex.kernel.stages import Block, StageKernel
 
 _March, _Steps, _Inputs = (structure(name) for name in ("March", "Steps", "Inputs"))
 FULL, INPUTS, START, STUCK, PAUSED, SAMPLE = (

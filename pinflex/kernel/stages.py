@@ -7,14 +7,61 @@ step are those of this object: they change with every call.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
 from pinflex.kernel.evaluate import Evaluator
-from pinflex.kernel.header import structure
-from pinflex.kernel.memory import Block
+from pinflex.kernel.header import names, structure
+
+# Arrays for the C code in one block: numpy's answer to where an array lies takes 1 us each.
+
+_ALIGNED = 64  # bytes
+
+
+class Block:
+    """Arrays of one type, zero or given, each at a multiple of 64 bytes.
+
+    Attributes:
+        arrays, addresses: By name. size: Bytes.
+    """
+
+    def __init__(
+        self,
+        shapes: Mapping[str, tuple[int, ...]],
+        given: Mapping[str, npt.NDArray[Any]],
+        dtype: npt.DTypeLike = np.float64,
+    ) -> None:
+        """`shapes`: of arrays of zeros by name; `given`: what others hold."""
+        wide = np.dtype(dtype).itemsize
+        every = _ALIGNED // wide
+        shapes = dict(shapes) | {name: array.shape for name, array in given.items()}
+        sizes = [_size(shape) for shape in shapes.values()]
+        self._raw = np.zeros(sum(sizes) + every * (len(sizes) + 1), dtype=dtype)
+        self.size = self._raw.nbytes
+        first = self._raw.ctypes.data
+        at = -first % _ALIGNED // wide
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
+        self.addresses: dict[str, int] = {}
+        for (name, shape), size in zip(shapes.items(), sizes, strict=True):
+            self.arrays[name] = self._raw[at : at + size].reshape(shape)
+            self.addresses[name] = first + at * wide
+            at += (size + every - 1) // every * every
+        for name, array in given.items():
+            self.arrays[name][...] = array
+
+
+def _size(shape: tuple[int, ...]) -> int:
+    size = 1
+    for n in shape:
+        size *= n
+    return size
+
 
 _Stages = structure("Stages")
 
@@ -128,3 +175,142 @@ class StageKernel:
 def _pairs(x: Array) -> Array:
     """Real and imaginary parts side by side."""
     return np.ascontiguousarray(x, dtype=complex).view(float)
+
+
+# A continuous linear feedback in equal steps, compiled.
+#
+# The fields are those of `Law` in source/law.h, which says what they hold.
+
+_Law = structure("Law")
+
+
+class LawKernel:
+    """The tables of a feedback, and where it is.
+
+    Attributes:
+        address: Of the C structure. measures, drives: Their numbers.
+        x, e: States and errors where the last step ended. target: What errors are counted from.
+    """
+
+    def __init__(self, tables: Mapping[str, Array], nq: int, nv: int) -> None:
+        """`tables`: S, B, home, target, x_of_x, x_of_e, C, D and E by name."""
+        n, m, u = len(tables["S"]), len(tables["x_of_x"]), tables["B"].shape[1]
+        wanted = {
+            "S": (n, nv), "B": (nv, u), "home": (nq,), "target": (n,), "x_of_x": (m, m),
+            "x_of_e": (m, n), "C": (u, m), "D": (u, n), "E": (u, n),
+        }  # fmt: skip
+        for name, shape in wanted.items():
+            if tables[name].shape != shape:
+                raise PinflexError(f"kernel: {name} of {tables[name].shape}, not {shape}.")
+        room = {"x_before": (m,), "e_before": (n,), "x": (m,), "e": (n,), "rate": (n,), "u": (u,)}
+        given = {name: np.asarray(tables[name], dtype=np.float64) for name in wanted}
+        self._numbers = Block({**room, "way": (nv,)}, given)
+        self._at = _Law(measures=n, drives=u, states=m, **self._numbers.addresses)
+        self.address, self.measures, self.drives = ctypes.addressof(self._at), n, u
+        self.x, self.e = (self._numbers.arrays[name] for name in ("x_before", "e_before"))
+        self.target = tables["target"]
+
+
+# Equal steps of the alpha family, compiled.
+#
+# The fields are those of `Alpha`, `State` and `Rows` in source/alpha.c, which says what they hold.
+
+_Alpha, _State, _Rows = (structure(name) for name in ("Alpha", "State", "Rows"))
+_STATE = names("State", ctypes.c_void_p)
+_STATES = ("now", "last", "next")
+_ROOM = ("move", "r", "open", "x", "tangent", "lu", "weight", "motor_rows", "motor_J",
+         "narrow", "room")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """What Newton's iteration of a step is about.
+
+    Attributes:
+        predict: From a, and the a, s and v before it, to s, v and the move, shape (3, 4).
+        mass, by_v, by_y: Weights of M, C and K.
+        tolerance: Error of the acceleration, of what it is at the time.
+        most: Iterations of a step. farthest: m or rad that an elastic coordinate may go.
+    """
+
+    predict: Array
+    mass: float
+    by_v: float
+    by_y: float
+    tolerance: float
+    most: int
+    farthest: float
+
+
+class AlphaKernel:
+    """The steps of one run, and where it is.
+
+    Attributes:
+        at: The C structure: settings, scales and counts. law: A feedback, or None.
+        residual: What a step that failed has left last, shape (nv,); nan where it ran away.
+    """
+
+    def __init__(
+        self,
+        stages: StageKernel,
+        given: Iteration,
+        path: Sequence[Array],
+        found: Sequence[Array],
+        law: LawKernel | None = None,
+    ) -> None:
+        """Nothing is taken yet."""
+        n = stages.counts
+        nq, nv, rows, motors = (n[name] for name in ("nq", "nv", "closures", "motors"))
+        free, steps = n["free"], len(found[0])
+        size = free + rows
+        widths = [*(motors,) * 3, n["forces"], nq, nv, nv, nv, rows, motors, 2]
+        widths += [] if law is None else [law.drives, law.measures]
+        self._rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in path), *found)
+        for x, width in zip(self._rows, widths, strict=True):
+            if x.shape != (steps, width) or x.dtype != float or not x.flags.c_contiguous:
+                raise PinflexError(f"kernel: {x.shape} numbers, not {(steps, width)} in one piece.")
+        state = dict(zip(_STATE, (nq, nv, nv, nv, rows), strict=True))
+        shapes: dict[str, tuple[int, ...]] = {
+            f"{which}_{name}": (width,) for which in _STATES for name, width in state.items()
+        }
+        shapes |= {
+            "move": (nv,), "r": (nv,), "open": (rows,), "x": (size,),
+            "tangent": (nv * (3 * nv + rows),), "lu": (size, size), "weight": (free,),
+            "motor_rows": (motors, free), "motor_J": (rows, motors),
+            "narrow": (size, size), "room": (size,),
+        }  # fmt: skip
+        self._numbers = Block(shapes, {"predict": given.predict})
+        self.residual = self._numbers.arrays["r"]
+        self._integers = Block({"pivot": (size + 1,), "order": (3 * size + 1,)}, {}, np.int64)
+        self._stages, self._steps, self._widths, self.law = stages, steps, widths, law
+        self._first = tuple(x.ctypes.data for x in self._rows)
+        where = self._numbers.addresses
+        self.at = _Alpha(
+            most=given.most, stale=1, joints=stages.address, predict=where["predict"],
+            law=None if law is None else law.address,
+            **self._integers.addresses, mass=given.mass, by_v=given.by_v,
+            by_y=given.by_y, tolerance=given.tolerance, farthest=given.farthest, rate=1.0,
+            usual=np.inf, **{name: where[name] for name in _ROOM},
+        )  # fmt: skip
+
+    def begin(self, now: Sequence[Array], last: Sequence[Array]) -> None:
+        """Go on from a state, with a new tangent."""
+        arrays, where = self._numbers.arrays, self._numbers.addresses
+        for which in _STATES:  # they have changed places
+            setattr(self.at, which, _State(*(where[f"{which}_{name}"] for name in _STATE)))
+        for which, state in (("now", now), ("last", last)):
+            for name, values in zip(_STATE, state, strict=True):
+                arrays[f"{which}_{name}"][...] = values
+        self.at.stale = 1
+
+    def march(self, first: int, count: int) -> int:
+        """Up to so many steps, the first to instant `first`; the number of steps taken."""
+        if not (first > 0 and count >= 0 and first + count <= self._steps):
+            raise PinflexError(f"kernel: {count} steps from {first}, of {self._steps}.")
+        rows = _Rows(*(
+            at + 8 * first * width for at, width in zip(self._first, self._widths, strict=True)
+        ))  # fmt: skip
+        stages = self._stages
+        return int(stages.functions.pinflex_alpha(
+            stages.tables, stages.work, ctypes.addressof(self.at), count, ctypes.addressof(rows)
+        ))  # fmt: skip

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.motion import formula, hold
+from pinflex.description.motions.motion import formula, hold
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import PLANE_BEAM, Body, energy, momenta, scene
 from pinflex.mechanics.mechanism import Mechanism

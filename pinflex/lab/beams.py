@@ -9,7 +9,7 @@ import numpy as np
 
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array
-from pinflex.description.motion import formula
+from pinflex.description.motions.motion import formula
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, scene
 from pinflex.levels.modes import modes

@@ -12,12 +12,12 @@ import math
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.motion import hold
+from pinflex.description.motions.motion import hold
 from pinflex.lab.extrapolation import by_count, extrapolated
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import SPACE_BEAM, Body, scene
 from pinflex.levels.quasistatic import rest
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.solve import solve_level
 

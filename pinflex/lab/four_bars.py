@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.motion import hold
+from pinflex.description.motions.motion import hold
 from pinflex.lab.extrapolation import by_step
 from pinflex.lab.loops import ROD, G, reduced
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series

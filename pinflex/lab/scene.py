@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.description.motion import hold
-from pinflex.mechanics.equations import Equations
+from pinflex.description.motions.motion import hold
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
 from pinflex.solver.solve import solve_level

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.motion import hold
+from pinflex.description.motions.motion import hold
 from pinflex.lab.extrapolation import by_step
 from pinflex.lab.record import Case, Check, Outcome, Picture, Series
 from pinflex.lab.scene import Body, energy, released, scene

@@ -17,23 +17,23 @@ import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.collocation import AlphaScheme, scheme
 from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
-from pinflex.integrators.schemes import AlphaScheme, scheme
 from pinflex.kernel.linear import entries_of, linear_systems
+from pinflex.levels.excited import Varying
 from pinflex.levels.linear_march import LinearMarch, Response, forces_along
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import linear_start
-from pinflex.levels.varying import Varying
 from pinflex.linalg import resists, saddle
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
 
 _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness is looked at
 # What interpolated matrices may miss: default steps leave 1e-3 of a vibration, round-off 1e-12. A

@@ -18,14 +18,14 @@ import numpy as np
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between, nominal
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
 from pinflex.integrators.linear import Instant
 from pinflex.kernel.linear import entries_of, linear_systems
-from pinflex.levels.varying import NOISE, Varying, together
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.loads import Loads
+from pinflex.levels.excited import NOISE, Varying, together
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.loads import Loads
 
 _NODES = 8  # intervals between the nodes of a piece to begin with, where nothing moves
 _USUAL, _ROUGH, _CLOSE = 24, 16, 1e-5  # where something does: they serve most motions as they are,

@@ -2,7 +2,7 @@
 
 Linearised on the closures: with Z the null space of J, (Z' K Z) x = omega^2 (Z' M Z) x, where K has
 the geometric stiffness of the preload, and of the closure forces, unless it is left out. Loads that
-follow make K unsymmetric (`levels.circulatory`).
+follow make K unsymmetric (`levels.quasistatic`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.cards import card, grid
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.levels.circulatory import acts_without_potential, coupled
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
-from pinflex.levels.quasistatic import rest
+from pinflex.levels.quasistatic import acts_without_potential, coupled, rest
 from pinflex.linalg import eigh, lapack, null_space
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief, table
 from pinflex.threads import one_blas_thread
@@ -84,7 +83,7 @@ class Modes:
             ax: Where to draw; default: axes of a new figure.
         """
         if mode is None:
-            return door("viewer.plot_modes", "plot_frequencies")(self, ax)
+            return door("viewer.plots.shapes", "plot_frequencies")(self, ax)
         return door("studies.mode_shapes", "plot_shape")(self, mode, ax)
 
     def __str__(self) -> str:

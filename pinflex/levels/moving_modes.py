@@ -20,13 +20,13 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.actuation.path import Path
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion, hold
-from pinflex.description.schema import number
+from pinflex.description.motions.motion import Motion, hold
+from pinflex.description.reading.schema import number
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import balance
 from pinflex.linalg import null_space
-from pinflex.mechanics.closure_motion import FrozenLinks
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.text import brief

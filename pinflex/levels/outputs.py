@@ -18,14 +18,14 @@ import pinocchio as pin
 
 from pinflex.actuation.nominal import Nominal, nominal_of
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_poses
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
 
 _SAMPLES = 51  # instants at which poses are compared: so many samples at least, if there are
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not

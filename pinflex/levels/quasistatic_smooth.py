@@ -18,7 +18,7 @@ import numpy as np
 from pinflex.actuation.drive import breaks
 from pinflex.actuation.nominal import Nominal, between, nominal_and_more
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
@@ -31,8 +31,8 @@ from pinflex.levels.quasistatic import (
     unstable_text,
 )
 from pinflex.linalg import lapack, negative_directions, saddle_matrix
-from pinflex.mechanics.closure_motion import FrozenLinks
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 

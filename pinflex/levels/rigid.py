@@ -7,10 +7,10 @@ import numpy as np
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, spans
 from pinflex.boundary import public
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 
 _RIGID = 1e-6  # of the least compliance of the others: of a motor without a stiffness beside them

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array
-from pinflex.description.motion import Motion
-from pinflex.errors import AssemblyError, ConvergenceError
+from pinflex.arrays import Array, IntArray
+from pinflex.description.motions.motion import Motion
+from pinflex.description.reading.schema import shown
+from pinflex.description.solve import Speeds
+from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, nearest
 from pinflex.integrators.run import Run
 from pinflex.levels.linearised import LinearPath
+from pinflex.levels.moving_modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
-from pinflex.mechanics.closure_motion import FrozenLinks
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
+from pinflex.results.result import Result
 
 # Newton iterations that `auto` spends on a load put on in parts: an equilibrium that is near takes
 # thirty, and without one nobody should wait.
@@ -226,3 +234,250 @@ def straight_start(
         _, J = dynamics.close(y)
         v[passive] = -np.linalg.lstsq(J[:, passive], J @ v, rcond=1e-10)[0]
     return y, v
+
+
+# Start speeds of joints and links, with what closures make of the others.
+#
+# Joints take the speeds given to them, all other open joints and all deflections stay as they are,
+# and the closures determine the rest, J v = 0; what they leave open (one crank of two) and what a
+# bent pose needs beside it takes the least kinetic energy:
+#
+#     min 1/2 dv' M dv,     J (v + dv) = 0,     w (v + dv) = given
+#
+# The speed of a link is that of its frame's origin in the world. It comes about as by a blow there:
+# the least kinetic energy over all that may move, deflections too.
+
+_MISSED = 1e-9  # of the largest speed: round-off of a constraint that can be met is 1e-15
+
+
+def with_speeds(
+    mechanism: Mechanism,
+    dynamics: Equations,
+    y: Array,
+    v: Array,
+    speeds: Speeds,
+    driven: bool = False,
+) -> Array:
+    """Velocities at the start with the given ones among them.
+
+    Returns:
+        Shape (nv,).
+    Raises:
+        DescriptionError: An unknown name, a prescribed one, or speeds that closures do not allow.
+    """
+    if not speeds:
+        return v
+    system = dynamics.system
+    fixed = system.held if driven else np.union1d(system.held, system.motors)
+    joints, links = _sorted(mechanism, speeds)
+    v, named = v.copy(), list[int]()
+    for name, at, values in joints:
+        if np.any(np.isin(at, fixed)):
+            raise _prescribed(mechanism, name, at, system.motors)
+        for row, value in zip(at, values, strict=True):
+            if value is not None:
+                v[row] = value
+                named.append(row)
+    free = np.setdiff1d(np.arange(system.nv), [*fixed, *named]).astype(np.intp)
+    rows, given = _link_rows(dynamics, y, links)
+    J = dynamics.close(y)[1].copy() if dynamics.looped else np.zeros((0, system.nv))
+    A, b = np.vstack([J, rows]), np.concatenate([np.zeros(len(J)), given])
+    if not links:
+        rigid = free[free < dynamics.n_rigid]
+        looped = rigid[np.any(J[:, rigid] != 0, axis=0)]
+        v = corrected(dynamics, y, v, A, b, looped)
+        if not misses(A, b, v):
+            return v
+    v = corrected(dynamics, y, v, A, b, free)
+    if misses(A, b, v):
+        raise DescriptionError(
+            f"{mechanism.name}: solve.start_speeds: {', '.join(name for name, _ in speeds)}: the "
+            "loops and motors do not allow these speeds together; they miss by "
+            f"{np.max(np.abs(A @ v - b)):.3g} (m/s or rad/s). Name fewer of them: what is not "
+            "named follows."
+        )
+    return v
+
+
+def misses(A: Array, b: Array, v: Array, share: float = _MISSED) -> bool:
+    """Whether v misses A v = b by more than a share of the largest velocity."""
+    size = max(float(np.max(np.abs(v), initial=0.0)), 1e-300)
+    return float(np.max(np.abs(A @ v - b), initial=0.0)) > share * size
+
+
+def corrected(dynamics: Equations, y: Array, v: Array, A: Array, b: Array, free: IntArray) -> Array:
+    """v with the rows `free` moved by the least kinetic energy so that A v = b, if that can be."""
+    if not len(free) or not len(A):
+        return v
+    M, A_free = dynamics.mass(y)[np.ix_(free, free)], A[:, free]
+    # Massless coordinates are moved as little as can be: a share of round-off of the largest mass.
+    values, V = np.linalg.eigh(M)
+    root = V / np.sqrt(np.maximum(values, 1e-12 * max(values[-1], 1e-300)))
+    step = root @ np.linalg.lstsq(A_free @ root, b - A @ v, rcond=1e-11)[0]
+    moved = v.copy()
+    moved[free] += step
+    return moved
+
+
+def _sorted(
+    mechanism: Mechanism, speeds: Speeds
+) -> tuple[
+    list[tuple[str, list[int], Sequence[float | None]]],
+    list[tuple[str, Sequence[float | None]]],
+]:
+    """Joints with their velocity rows, and links."""
+    model = mechanism.rigid.rigid
+    joints = list[tuple[str, list[int], Sequence[float | None]]]()
+    links = list[tuple[str, Sequence[float | None]]]()
+    frames = mechanism.flexible.expansion.frames
+    for name, values in speeds:
+        parts = [x for x in (name, f"{name}.1", f"{name}.2") if model.existJointName(x)]
+        steps = [model.joints[model.getJointId(x)] for x in parts]
+        rows = [row for step in steps for row in range(step.idx_v, step.idx_v + step.nv)]
+        if rows:
+            count = len(rows)
+            joints.append((name, rows, values))
+        elif name in frames:
+            count = 3
+            links.append((name, values))
+        else:
+            known = nearest(name, [*list(model.names)[1:], *frames])
+            raise DescriptionError(
+                f"{mechanism.name}: solve.start_speeds: no such moving joint or link: "
+                f'"{name}".{known}'
+            )
+        if len(values) != count:
+            what = "velocity of its origin" if not rows else "speed for each freedom"
+            raise DescriptionError(
+                f"{mechanism.name}: solve.start_speeds.{name}: {len(values)} values. Allowed: "
+                f"{count}, the {what}."
+            )
+    return joints, links
+
+
+def _prescribed(
+    mechanism: Mechanism, name: str, rows: Sequence[int], motors: IntArray
+) -> DescriptionError:
+    if np.any(np.isin(rows, motors)):
+        why, advice = "is a motor, and follows the motion", "Change the motion, or drive: torque"
+    else:
+        why, advice = "is idle or a base that is held", "Write idle: free"
+    return DescriptionError(
+        f"{mechanism.name}: solve.start_speeds.{name}: {name} {why}. {advice}, or leave it out."
+    )
+
+
+def _link_rows(
+    dynamics: Equations, y: Array, links: Sequence[tuple[str, Sequence[float | None]]]
+) -> tuple[Array, Array]:
+    """Rows (k, nv) that make the given components of the links' velocities, and those (k,)."""
+    rows, given = [np.zeros((0, dynamics.system.nv))], list[float]()
+    for name, values in links:
+        moved = frame_jacobian(dynamics, y, dynamics.system.expansion.frames[name])[:3]
+        kept = [k for k, value in enumerate(values) if value is not None]
+        rows.append(moved[kept])
+        given += [float(x) for x in values if x is not None]
+    return np.vstack(rows), np.array(given)
+
+
+# Starts from a state that is given: that of a run at some time, or coordinates and velocities.
+#
+# Motors move as their motion says. Where the state has another speed of theirs, the start is a
+# blow: it leaves the momenta of all other coordinates as they are, but for what the closures carry,
+#
+#     M_fm (v_m - v_m') + M_ff dv_f = J_f' p,     J (v + dv) = 0
+
+_SAME = 1e-6  # [rad | m] what a state may miss of the motion that goes on with it
+_ABOUT = "the state (y, v)"
+
+
+def start_from(
+    mechanism: Mechanism, dynamics: Equations, path: MotorPath, given: object, driven: bool = False
+) -> Start:
+    """The start from a given state; loads and motion may be others than those it comes from.
+
+    Raises:
+        DescriptionError: No such state, or one whose motors stand elsewhere, whose loops are open
+            or whose velocities would open them.
+    """
+    where = f"{mechanism.name}: solve.start"
+    y, v, about = _state(mechanism, given, where)
+    stands = y.copy()
+    if not driven:
+        motor_axes(mechanism).write(stands, path.position[0])
+    off = float(np.max(np.abs(stands - y), initial=0.0))
+    gap = float(np.max(np.abs(dynamics.close(y)[0]), initial=0.0)) if dynamics.looped else 0
+    if off > _SAME or gap > _SAME:
+        what = (
+            f"its motors stand {off:.3g} (rad or m) away" if off > _SAME else "its loops are open"
+        )
+        raise DescriptionError(
+            f"{where}: {about} is no start of this motion: {what}. Give a motion (absolute) "
+            "that begins there, or the mechanism that was solved."
+        )
+    if not driven:
+        v = _struck(dynamics, y, v, path.velocity[0])
+    if about == _ABOUT:
+        _require_closed(dynamics, y, v, where)
+        return Start(y, v, "state")
+    return Start(y, v, "run")
+
+
+def _state(mechanism: Mechanism, given: Any, where: str) -> tuple[Array, Array, str]:
+    """y, v and their name in words; copies."""
+    pair = given if isinstance(given, tuple) and len(given) == 2 else (given, np.inf)
+    if isinstance(pair[0], Result):
+        time = min(float(pair[1]), float(pair[0].t[-1]))
+        state = state_of_run(mechanism, pair[0], time)
+        return state.y.copy(), state.v.copy(), state.about
+    system = mechanism.flexible
+    try:
+        y, v = (np.array(part, dtype=float) for part in pair)
+    except (TypeError, ValueError):
+        y = v = np.zeros(())
+    if not y.ndim:
+        raise DescriptionError(
+            f"{where}: {shown(given)} is not valid. Allowed: auto, static, straight, a result of "
+            "level coupled, (result, time in s), or (y, v), coordinates and velocities."
+        )
+    if y.shape != (system.nq,) or v.shape != (system.nv,):
+        raise DescriptionError(
+            f"{where}: y and v have shapes {y.shape} and {v.shape}. Allowed: ({system.nq},) and "
+            f"({system.nv},), as y and the columns of shapes in pf.modes(robot)."
+        )
+    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(v))):
+        raise DescriptionError(f"{where}: {_ABOUT} has entries that are no finite numbers.")
+    n = int(system.rigid.nq)
+    y[:n] = pin.normalize(system.rigid, y[:n])  # cos and sin, quaternions
+    return y, v, _ABOUT
+
+
+def _struck(dynamics: Equations, y: Array, v: Array, speed: Array) -> Array:
+    """v with the motors at their speed (rad/s | m/s), and what a jump of it makes of the rest."""
+    system = dynamics.system
+    v, free = v.copy(), system.free
+    jump = speed - v[system.motors]
+    v[system.motors] = speed
+    if not np.any(np.abs(jump) > _SAME * np.max(np.abs(speed), initial=0.0)):
+        return v
+    M = dynamics.mass(y)
+    pull = M[np.ix_(free, system.motors)] @ jump
+    # Coordinates without mass have no momentum to keep: they stay as they move.
+    v[free] -= np.linalg.lstsq(M[np.ix_(free, free)], pull, rcond=1e-12)[0]
+    if not dynamics.looped:
+        return v
+    J = dynamics.close(y)[1]
+    return corrected(dynamics, y, v, J, np.zeros(len(J)), free)
+
+
+def _require_closed(dynamics: Equations, y: Array, v: Array, where: str) -> None:
+    """Raise where velocities would open the loops."""
+    if not dynamics.looped:
+        return
+    J = dynamics.close(y)[1]
+    if misses(J, np.zeros(len(J)), v, _SAME):
+        raise DescriptionError(
+            f"{where}: the velocities of {_ABOUT} open the loops by "
+            f"{np.max(np.abs(J @ v)):.3g} (m/s or rad/s). Take v = 0 with start_speeds, which "
+            "moves all joints of a loop, or velocities that fit."
+        )

@@ -11,12 +11,11 @@ import numpy as np
 from pinflex import linalg
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
-from pinflex.mechanics.closure import Closures
-from pinflex.mechanics.closure_log import size_of, translations
+from pinflex.mechanics.closure import Closures, size_of, translations
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.mechanics.equations import Equations
+    from pinflex.mechanics.evaluation.equations import Equations
 
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
 # mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.

@@ -33,8 +33,8 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.expanded import Attachment
 from pinflex.mechanics.poses import as_matrices, skew, support
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count

@@ -13,7 +13,7 @@ from pinflex.mechanics.poses import skew
 from pinflex.rotations import quaternion, quaternion_vector
 
 if TYPE_CHECKING:
-    from pinflex.mechanics.equations import Equations
+    from pinflex.mechanics.evaluation.equations import Equations
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.
 _TIMES = np.array(

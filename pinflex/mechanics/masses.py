@@ -20,13 +20,13 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.errors import AssemblyError
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import Frame
-from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import Frame
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.ride import end_riders
+from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.tree import Link
 from pinflex.mechanics.poses import skew
-from pinflex.mechanics.ride import end_riders
-from pinflex.mechanics.system import System
-from pinflex.mechanics.tree import Link
 
 OFF = 1e-9  # of the largest entry: sums of a thousand stations are right to 1e-13
 

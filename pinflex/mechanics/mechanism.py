@@ -15,30 +15,37 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.boundary import public
 from pinflex.cards import card, pairs
+from pinflex.description.blocks.drives import elastic
+from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.description import Description, read
-from pinflex.description.drives import elastic
-from pinflex.description.flexible import FlexibleLink
-from pinflex.description.overrides import assignments
-from pinflex.description.schema import shown
+from pinflex.description.reading.parameters import assignments
+from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
-from pinflex.mechanics.compiled import evaluated_by
-from pinflex.mechanics.damping import with_damping
-from pinflex.mechanics.expanded import Attachment, Expansion
-from pinflex.mechanics.expansion import expand, of_model
-from pinflex.mechanics.followed import Followed
+from pinflex.mechanics.evaluation.compiled import evaluated_by
+from pinflex.mechanics.evaluation.equations import Followed
 from pinflex.mechanics.freedoms import Idle
-from pinflex.mechanics.joints import Joint, add_rotors, coordinate_names, joint_of, motor_rows
 from pinflex.mechanics.masses import require_mass
-from pinflex.mechanics.parts import FlexiblePart, resolve
-from pinflex.mechanics.planes import LeftOut, any_undecided
-from pinflex.mechanics.plausible import require_size
-from pinflex.mechanics.relevance import left_out
-from pinflex.mechanics.ride import end_riders
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.damping import with_damping
+from pinflex.mechanics.model.expanded import Attachment, Expansion
+from pinflex.mechanics.model.expansion import expand, of_model
+from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
+from pinflex.mechanics.model.planes import LeftOut, any_undecided
+from pinflex.mechanics.model.relevance import left_out
+from pinflex.mechanics.model.ride import end_riders
+from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.tree import (
+    Joint,
+    Link,
+    add_rotors,
+    coordinate_names,
+    joint_of,
+    link_tree,
+    model_of,
+    motor_rows,
+)
 from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system
-from pinflex.mechanics.tree import Link, link_tree, model_of
 from pinflex.names import Names, Records
 from pinflex.text import short
 

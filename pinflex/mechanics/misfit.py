@@ -16,9 +16,8 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics import assembly
-from pinflex.mechanics.closure import Closures
-from pinflex.mechanics.closure_log import LogClosure, size_of
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.closure import Closures, LogClosure, size_of
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.text import brief
 
 # Gap over the size of the mechanism, and angle [rad], up to which loops are made to fit. A place

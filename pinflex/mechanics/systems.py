@@ -9,32 +9,140 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.description.blocks.drives import elastic
+from pinflex.description.blocks.frames import WORLD
 from pinflex.description.description import Description
-from pinflex.description.drives import elastic
-from pinflex.description.frames import WORLD
-from pinflex.errors import DescriptionError, SingularityError
+from pinflex.errors import DescriptionError, SingularityError, nearest
+from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
-from pinflex.mechanics.added_mass import added_masses
 from pinflex.mechanics.assembly import LoopReport
-from pinflex.mechanics.closing import Closed, Limits, assemble
+from pinflex.mechanics.closing import Closed, Limits, assemble, axis_hint
 from pinflex.mechanics.closure import Closures, closures
-from pinflex.mechanics.cost import require_workspace
-from pinflex.mechanics.damping import link_damping, rows_of
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.expanded import Expansion
-from pinflex.mechanics.frames import Frame
-from pinflex.mechanics.freedoms import Idle
-from pinflex.mechanics.friction import joint_friction
-from pinflex.mechanics.held import at_rest, elastic_rows, idle_of
-from pinflex.mechanics.home_guess import given, home_guess
-from pinflex.mechanics.joints import joint_springs
-from pinflex.mechanics.loads import loads, require_apart
-from pinflex.mechanics.loop_axes import axis_hint
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import Frame
+from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
 from pinflex.mechanics.misfit import Misfit
-from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.model.cost import require_workspace
+from pinflex.mechanics.model.damping import link_damping, rows_of
+from pinflex.mechanics.model.expanded import Expansion
+from pinflex.mechanics.model.loads import added_masses, loads, require_apart
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.slider import sleeves
+from pinflex.mechanics.model.system import Springs, System, joint_friction
+from pinflex.mechanics.model.tree import joint_springs
 from pinflex.mechanics.reference.placing import Placing
-from pinflex.mechanics.slider import sleeves
-from pinflex.mechanics.system import System
+
+# What the rigid mechanism holds beside its motors: elastic joints, idle freedoms, a free base.
+
+
+def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
+    """Velocity rows of elastic joints: passive, with a spring, and held by nothing else.
+
+    With the motors locked the closures leave the null space N of J's passive columns. Each row of
+    a sprung joint in it takes one freedom away, the stiffest first; a sprung joint whose motion
+    the loops determine anyway (a flexure hinge of a closed chain) is not among them.
+
+    Returns:
+        Rows, increasing.
+    """
+    sprung = ~np.isin(springs.v_at, motors)
+    rows, stiffness = springs.v_at[sprung], springs.stiffness[sprung]
+    if not len(rows):
+        return rows
+    N = allowed(J, motors)[rows]
+    largest = float(np.sqrt(np.max(stiffness)))
+    picked = independent_rows(np.sqrt(stiffness)[:, None] * N, INDEPENDENT, largest)
+    return np.sort(rows[picked]).astype(np.intp)
+
+
+def _base_rows(base: str) -> IntArray:
+    """Velocity rows of a free base."""
+    return np.arange(6 if base == "free_flyer" else 0, dtype=np.intp)
+
+
+def idle_of(system: System, description: Description, home: Array) -> Idle:
+    """The idle freedoms at home, a free base among them."""
+    if description.idle == "free":
+        return Idle()
+    # A loop to the ground determines the base as it does any other body.
+    stands = any(loop.grounded for loop in description.loops)
+    base = _base_rows("fixed" if stands else description.base)
+    locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
+    frames, found = system.expansion.frames, Idle()
+    if len(locked) + system.closed.n < system.nv:
+        J = Equations(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
+        named = (*description.frames, *description.loaded)
+        still = None if description.platform is None else frames[description.platform]
+        every = Freedoms(Equations(system), home)
+        found = every.idle(J, locked, [frames[name] for name in named], still)
+    if not len(base):
+        return found
+    return replace(found, base=base, names=("free base", *found.names))
+
+
+def at_rest(system: System, description: Description, home: Array, names: Sequence[str]) -> Array:
+    """Home with the elastic joints where their springs are slack, unless `home` places them."""
+    s = system.springs
+    moved = home.copy()
+    for k in np.flatnonzero(np.isin(s.v_at, system.held)):
+        if names[s.v_at[k]] not in description.home:
+            at, rest = s.q_at[k], s.rest[k]
+            moved[at : at + 1 + s.paired[k]] = (np.cos(rest), np.sin(rest)) if s.paired[k] else rest
+    if np.array_equal(moved, home) or not system.closed.n:
+        return moved
+    pose, size = assembly.close_loops(Equations(system), moved, system.free)
+    return pose if size < 10 * assembly.CLOSED else home
+
+
+# The home that a description gives: values of some coordinates of the rigid mechanism.
+
+
+def home_guess(description: Description, model: pin.Model) -> Array:
+    """q with the given values, shape (nq,); joints that are not named stand at zero."""
+    q = pin.neutral(model)
+    for name, value in description.home.items():
+        if not model.existJointName(name):
+            raise DescriptionError(
+                f"{description.name}: home.{name}: not a moving joint."
+                f"{nearest(name, list(model.names)[1:])}"
+            )
+        joint = model.joints[model.getJointId(name)]
+        values = np.atleast_1d(np.array(value, float))
+        if joint.nv == 1 and joint.nq == 2 and len(values) == 1:
+            values = np.array([np.cos(values[0]), np.sin(values[0])])
+        if len(values) != joint.nq:
+            raise DescriptionError(
+                f"{description.name}: home.{name}: {len(values)} values, the joint has {joint.nq} "
+                "coordinates (a spherical joint takes a quaternion x, y, z, w)."
+            )
+        q[joint.idx_q : joint.idx_q + joint.nq] = values
+    _follow(q, description, model)
+    return np.asarray(pin.normalize(model, q))
+
+
+def _follow(q: Array, description: Description, model: pin.Model) -> None:
+    """Put joints that follow others where they belong; a leader that is not named goes along."""
+    place = {
+        name: model.joints[model.getJointId(name)].idx_q
+        for one in description.couplings
+        for name in (one.joint, one.leader)
+        if name is not None
+    }
+    for one in reversed(description.couplings):
+        alone = one.joint in description.home and one.leader not in description.home
+        if one.leader is not None and one.ratio and alone:
+            q[place[one.leader]] = (q[place[one.joint]] - one.offset) / one.ratio
+    for _ in description.couplings:  # chains in any order
+        for one in description.couplings:
+            led = 0.0 if one.leader is None else one.ratio * q[place[one.leader]]
+            q[place[one.joint]] = led + one.offset
+
+
+def given(description: Description, model: pin.Model) -> IntArray:
+    """Places in q of the coordinates that `home` names."""
+    joints = [model.joints[model.getJointId(name)] for name in description.home]
+    places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
+    return np.array(places, dtype=np.intp)
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.drives import SPEED, Drive
-from pinflex.description.joints import JointExtra
+from pinflex.description.blocks.drives import SPEED, Drive
+from pinflex.description.blocks.joints import JointExtra
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 

@@ -4,19 +4,127 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
+from pinflex.description.blocks.external import FrameForce
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.expanded import Attachment
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.expanded import Attachment
+from pinflex.mechanics.model.loads import Loads
 from pinflex.mechanics.poses import as_matrices
-from pinflex.recovery.load_work import load_work, without_potential
 from pinflex.text import brief
+
+# Work of loads that have no potential: those that change in time or follow, and moments.
+#
+# With s(t) the share of a load that acts and P(t) the work that it would do acting in full, its
+# work is the integral of s dP. P is F . p for a force that keeps its direction, else the integral
+# of its power by the corrected trapezium rule. Between the instants at which s jumps or bends, s is
+# linear: by parts that is [s P] less the slope of s times the integral of P, which P and two
+# derivatives at both ends give to the sixth power of the step (Hermite; constant s needs P at the
+# ends alone). Inside a step of the samples, P at such an instant follows from both sides: its first
+# derivative is continuous there, its second jumps with the load.
+
+_SAME = 1e-9  # of a step: an instant so close to a sample is at it
+
+
+class _Knot(NamedTuple):
+    """An instant, and the work done in full until then with its first two derivatives."""
+
+    t: float
+    P: float
+    rate: float
+    rise: float
+
+
+def without_potential(loads: Loads) -> list[tuple[FrameForce, Attachment]]:
+    """Loads whose work, or a part of it, is no change of a potential."""
+    return [(f, place) for f, place in loads.forces if not f.potential or any(f.moment)]
+
+
+def load_work(
+    force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array
+) -> Array:
+    """Work of a load until each instant, without that of a potential, J, shape (nt,)."""
+    P, power, slope = _in_full(force, t, position, rotation, rate, rise)
+    knots = [_Knot(*map(float, k)) for k in zip(t, P, power, slope, strict=True)]
+    steps = [_step(force, a, b) for a, b in pairwise(knots)]
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _in_full(
+    force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array
+) -> tuple[Array, Array, Array]:
+    """Work if the load acted in full all along, its power and the slope of that, (nt,) each."""
+    push = np.zeros(3) if force.potential else np.array(force.force)
+    wrench = np.concatenate([push, force.moment])
+    if not force.follower:
+        power, slope = rate @ wrench, rise @ wrench
+        P = position @ push + _integral(t, rate[:, 3:] @ wrench[3:], rise[:, 3:] @ wrench[3:])
+        return P, power, slope
+    turned = np.concatenate([rotation @ push, rotation @ wrench[3:]], axis=1)
+    spin = np.cross(rate[:, 3:], turned[:, :3])  # a following moment turns across its own power
+    power = np.sum(turned * rate, axis=1)
+    slope = np.sum(turned * rise, axis=1) + np.sum(spin * rate[:, :3], axis=1)
+    return _integral(t, power, slope), power, slope
+
+
+def _integral(t: Array, values: Array, slope: Array) -> Array:
+    """Integral from the first instant on, by the trapezium rule with its end correction, (nt,)."""
+    h = np.diff(t)
+    each = h * (values[1:] + values[:-1]) / 2 + h**2 * (slope[:-1] - slope[1:]) / 12
+    return np.concatenate([[0.0], np.cumsum(each)])
+
+
+def _step(force: FrameForce, a: _Knot, b: _Knot) -> float:
+    """Work between two samples."""
+    near = _SAME * (b.t - a.t)
+    inside = [t for t in force.corners if a.t + near < t < b.t - near]
+    if not inside:
+        return _piece(force, a, b)
+    if len(inside) == 1:
+        left, right = _between(a, b, inside[0])
+        return _piece(force, a, left) + _piece(force, right, b)
+    # A pulse shorter than a step of the samples: each side alone, and straight between.
+    first, last = _ahead(a, inside[0]), _ahead(b, inside[-1])
+    middle = [
+        _Knot(t, float(np.interp(t, (first.t, last.t), (first.P, last.P))), first.rate, 0.0)
+        for t in inside[1:-1]
+    ]
+    knots = [a, first, *middle, last, b]
+    return sum(_piece(force, k, m) for k, m in pairwise(knots))
+
+
+def _piece(force: FrameForce, a: _Knot, b: _Knot) -> float:
+    """Work where the share of the load is linear in time."""
+    h = b.t - a.t
+    early, late = force.scale(a.t + h / 3), force.scale(b.t - h / 3)
+    s_a, s_b = 2 * early - late, 2 * late - early  # what it tends to at the ends, from inside
+    whole = h / 2 * (a.P + b.P) + h**2 / 10 * (a.rate - b.rate) + h**3 / 120 * (a.rise + b.rise)
+    return s_b * b.P - s_a * a.P - (s_b - s_a) / h * whole
+
+
+def _between(a: _Knot, b: _Knot, t: float) -> tuple[_Knot, _Knot]:
+    """An instant at which the second derivative jumps: cubics from both sides, before and after."""
+    x, y = t - a.t, t - b.t
+    left, right = _ahead(a, t), _ahead(b, t)
+    matrix = np.array([[x**3 / 6, -(y**3) / 6], [x**2 / 2, -(y**2) / 2]])
+    third = np.linalg.solve(matrix, [right.P - left.P, right.rate - left.rate])
+    P, rate = left.P + third[0] * x**3 / 6, left.rate + third[0] * x**2 / 2
+    before, after = left.rise + third[0] * x, right.rise + third[1] * y
+    return _Knot(t, P, rate, before), _Knot(t, P, rate, after)
+
+
+def _ahead(k: _Knot, t: float) -> _Knot:
+    """The parabola through a knot, at another instant."""
+    x = t - k.t
+    return _Knot(t, k.P + k.rate * x + k.rise * x * x / 2, k.rate + k.rise * x, k.rise)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 
 from pinflex.arrays import Array, spans
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.loads import Loads
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.loads import Loads
 from pinflex.recovery.kinematics import joint_poses
 from pinflex.recovery.samples import Samples, run_of, samples_of
 from pinflex.results.result import Result

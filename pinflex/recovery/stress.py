@@ -11,7 +11,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.cut import Cut
+from pinflex.bodies.section_at import Cut
 from pinflex.description.section import Section
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
 import tokenize
@@ -13,12 +14,274 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array
+from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError
-from pinflex.results import checked
-from pinflex.results.compact import FIELDS, ROUNDED, decoded, encode
 from pinflex.writing import replaced
+
+# Arrays of a run as few bytes: states to the last digit, fields of links and bodies to 5e-7.
+#
+# Motion is smooth in time, and a beam along its axis, so that second differences are small: their
+# high bytes, gathered, deflate to almost nothing. A field is kept in steps of a millionth of the
+# largest value of each component. One that has a rigid counterpart is kept by its difference from
+# that, so that a displacement of a micrometre in a robot of a metre stays as fine; of a state the
+# bits themselves are differenced, and nothing is lost.
+
+STEPS = 2**20  # of the largest magnitude of a component: an error of half a step is 4.8e-7 of it
+FINE = 2**24  # of the rigid counterparts: a short link stays straight; differences fit 32 bits
+ROUNDED = "fields of links and bodies are kept to 5e-7 of the largest value of each component"
+FIELDS = ("link", "body")  # heads of keys that follow from the states
+_PLAIN = ("x", "nodes", "triangles")  # of a link, without time
+
+Bytes = npt.NDArray[np.uint8]
+Codes = npt.NDArray[Any]
+
+
+def encode(
+    arrays: Mapping[str, Array], read: dict[str, Array] | None = None
+) -> tuple[dict[str, Array | Bytes], dict[str, Any]]:
+    """What to write of each array, and how to read back those that are not as they were."""
+    members: dict[str, Array | Bytes] = {}
+    coded: dict[str, Any] = {}
+    exact: dict[str, Array] = {}
+    for key, values in arrays.items():
+        head, _, rest = key.partition("/")
+        name = rest.rpartition("/")[2]
+        if not values.size or values.ndim < 1 or (head == "link" and name in _PLAIN):
+            members[key] = exact[key] = values
+        elif head in FIELDS and np.all(np.isfinite(values)):
+            along = head == "link" and "/mesh/" not in key and values.ndim > 1
+            rigid = arrays.get(f"{key}_rigid")
+            if rigid is not None:
+                values = values - rigid
+            step = _step(values, FINE if key.endswith("_rigid") else STEPS)
+            rounded = np.rint(values / step)
+            members[key] = _bytes(_differences(rounded.astype(np.int32), along))
+            coded[key] = {"shape": list(values.shape), "step": step.tolist(), "along": along}
+            coded[key] |= {} if rigid is None else {"beside": f"{key}_rigid"}
+            if read is not None:
+                read[key] = np.multiply(rounded, step, out=rounded)
+        else:
+            exact[key] = values
+            bits = np.ascontiguousarray(values, np.float64).view(np.int64)
+            members[key] = _bytes(np.diff(bits, axis=0, prepend=np.zeros_like(bits[:1])))
+            coded[key] = {"shape": list(values.shape)}
+    if read is not None:
+        read |= exact | _with_rigid(read, coded)
+    return members, coded
+
+
+def decoded(stored: Mapping[str, Any], coded: Mapping[str, Any]) -> dict[str, Array]:
+    """The arrays of a file."""
+    arrays = {key: decode(key, stored[key], coded[key]) if key in coded else stored[key]
+              for key in stored}  # fmt: skip
+    return arrays | _with_rigid(arrays, coded)
+
+
+def _with_rigid(arrays: Mapping[str, Array], coded: Mapping[str, Any]) -> dict[str, Array]:
+    """Arrays that are kept by their difference from a rigid counterpart."""
+    own = {key: how["beside"] for key, how in coded.items() if "beside" in how}
+    return {key: arrays[key] + arrays[beside] for key, beside in own.items()}
+
+
+def decode(key: str, stored: npt.NDArray[Any], how: Mapping[str, Any]) -> Array:
+    """An array that `encode` wrote."""
+    shape, field = tuple(int(n) for n in how["shape"]), "step" in how
+    width = 4 if field else 8
+    if stored.dtype != np.uint8 or stored.size != width * math.prod(shape) or not shape:
+        raise DescriptionError(f"{key}: {stored.size} bytes are not an array of shape {shape}")
+    codes = _codes(stored, shape, width)
+    if not field:
+        return np.cumsum(codes, axis=0, dtype=np.int64).view(np.float64)
+    for axis in (1, 1, 0, 0) if how["along"] else (0, 0):
+        codes = np.cumsum(codes, axis=axis, dtype=np.int32)
+    return np.asarray(codes * np.asarray(how["step"], np.float64))
+
+
+def _step(values: Array, count: int) -> Array:
+    """Size of a step of each component, broadcast over the others; components are the last axis."""
+    rows = values.reshape(len(values), -1)
+    largest = np.maximum(np.max(rows, axis=0), -np.min(rows, axis=0))  # over time: long rows
+    components = values.shape[-1] if values.ndim > 2 else 1
+    largest = largest.reshape(-1, components).max(axis=0)
+    step = np.where(largest > 0, largest / count, 1.0)
+    return step.reshape(*[1] * (values.ndim - 1), components)
+
+
+def _differences(steps: Codes, along: bool) -> Codes:
+    """Second differences in time, and along a beam."""
+    for axis in (0, 0, 1, 1) if along else (0, 0):
+        first = np.zeros_like(np.take(steps, [0], axis=axis))
+        steps = np.diff(steps, axis=axis, prepend=first)
+    return steps
+
+
+def _bytes(codes: Codes) -> Bytes:
+    """Integers with the sign in the last bit, byte by byte of significance, series after series."""
+    width = codes.dtype.itemsize
+    folded = (codes << 1) ^ (codes >> (8 * width - 1))  # 0, -1, 1, -2, ... as 0, 1, 2, 3, ...
+    series = np.ascontiguousarray(folded.reshape(len(codes), -1).T).astype(f"<i{width}")
+    return np.ascontiguousarray(series.reshape(-1).view(np.uint8).reshape(-1, width).T).reshape(-1)
+
+
+def _codes(stored: Bytes, shape: tuple[int, ...], width: int) -> Codes:
+    flat = np.ascontiguousarray(stored.reshape(width, -1).T).reshape(-1).view(f"<u{width}")
+    kind = np.int32 if width == 4 else np.int64
+    sign = np.negative((flat & 1).astype(kind))
+    unfolded = np.bitwise_xor((flat >> 1).astype(kind), sign)
+    return np.ascontiguousarray(unfolded.reshape(-1, shape[0]).T).reshape(shape)
+
+
+# Checks of a stored run before it is used: its file may be damaged or made by another program.
+#
+# Only what is there is checked; what a reader needs and does not find it names itself.
+
+MOST = 2e9  # [bytes] of arrays that are read without asking
+
+# Kinds of the values in meta: a type, [kind of each] or {name: kind} (None: any name).
+_NUMBER = (int, float)
+_JOINT = {"kind": str, "parent": str, "child": str, "origin": [_NUMBER], "axis": [_NUMBER]}
+_VISUAL = {"file": str, "shape": str, **{k: [_NUMBER] for k in ("size", "scale", "rpy", "xyz")}}
+_META: dict[str, Any] = {
+    "name": str,
+    "level": str,
+    "status": str,
+    "message": str,
+    "evaluated_by": str,
+    "joints": [str],
+    "coordinates": [str],
+    "actuated": [str],
+    "frames": [str],
+    "warnings": [str],
+    "limits": [str],
+    "gravity": [_NUMBER],
+    "loops": [{"name": str, "kind": str, "between": [str], "rows": [str], "redundant": [str]}],
+    "joint_index": {None: [int]},
+    "settings": {None: object},
+    "monitors": {None: {None: object}},
+    "cost": {None: _NUMBER},
+    "units": {None: str},
+    "sources": {None: str},
+    "versions": {None: str},
+    "drives": {
+        None: {"gear": _NUMBER, "efficiency": _NUMBER, "limit_curve": [[_NUMBER]]},
+    },
+    "drawing": {"joints": {None: _JOINT}, "visuals": {None: [_VISUAL]}},
+    "bodies": {None: {"points": [[_NUMBER]], "mass": _NUMBER, "radius": _NUMBER}},
+    "links": {
+        None: {
+            "length": _NUMBER,
+            "mass": _NUMBER,
+            "section": {"outline": [[_NUMBER]], "fibres": [[_NUMBER]], "shape": str},
+            "material": {"E": _NUMBER, "G": _NUMBER, "name": str},
+            "frame": [[_NUMBER]],
+            "origin": [_NUMBER],
+            "planes": [str],
+            "reason": str,
+            "basis": str,
+        }
+    },
+}
+_NEEDED = {"section", "length", "material"}  # of a link
+
+
+def require_size(path: Path, most: float) -> None:
+    """Raise where an archive says of itself that its arrays are larger than `most` [bytes]."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > most:
+        raise DescriptionError(
+            f"{path}: holds {size / 1e9:.3g} GB of arrays in {path.stat().st_size / 1e9:.3g} GB; "
+            f"{most / 1e9:g} GB are read without asking. Allow more with --limit, or "
+            "Result.load(path, most=BYTES).",
+            path=path,
+        )
+
+
+def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
+    """Raise where names, settings or shapes of a stored run cannot be what `save` wrote."""
+    if not isinstance(meta, dict):
+        raise _wrong("meta", meta)
+    for key, kind in _META.items():
+        if key in meta:
+            _fit(meta[key], kind, f"meta.{key}")
+    platform = meta.get("platform")
+    if platform is not None and not isinstance(platform, str):
+        raise _wrong("meta.platform", platform)
+    for name, link in meta.get("links", {}).items():
+        for key in sorted(_NEEDED - link.keys()):
+            raise _wrong(f"meta.links.{name}.{key}", None)
+    _check_drawing(meta.get("drawing", {}))
+    _check_joints(meta.get("joint_index", {}), arrays)
+    _check_shapes(meta, arrays, len(t))
+
+
+def _check_drawing(drawing: Mapping[str, Any]) -> None:
+    """Joints and visuals have all their keys, and three numbers where a vector is."""
+    joints = [(f"joints.{name}", x) for name, x in drawing.get("joints", {}).items()]
+    visuals = [
+        (f"visuals.{link}[{k}]", x)
+        for link, every in drawing.get("visuals", {}).items()
+        for k, x in enumerate(every)
+    ]
+    for found, kinds in ((joints, _JOINT), (visuals, _VISUAL)):
+        for where, x in found:
+            for key, kind in kinds.items():
+                vector = isinstance(kind, list) and key != "size"
+                if key not in x or (vector and len(x[key]) != 3):
+                    raise _wrong(f"meta.drawing.{where}.{key}", x.get(key))
+
+
+def _check_joints(index: Mapping[str, list[int]], arrays: Mapping[str, Array]) -> None:
+    """Columns [iq, nq, iv, nv] of each joint are there."""
+    sizes = {}
+    for key in ("joint/q", "joint/v"):
+        array = arrays.get(key)
+        sizes[key] = array.shape[1] if array is not None and array.ndim == 2 else 0
+    for name, at in index.items():
+        fits = len(at) == 4 and min(at) >= 0
+        if not fits or at[0] + at[1] > sizes["joint/q"] or at[2] + at[3] > sizes["joint/v"]:
+            raise _wrong(f"meta.joint_index.{name}", at)
+
+
+def _check_shapes(meta: Mapping[str, Any], arrays: Mapping[str, Array], nt: int) -> None:
+    """Torques and frames have the shapes that their names ask for."""
+    wanted: dict[str, tuple[int, ...]] = {"torque": (nt, len(meta.get("actuated", ())))}
+    for name in meta.get("frames", ()):
+        wanted[f"frame/{name}/position"] = (nt, 3)
+        wanted[f"frame/{name}/rotation"] = (nt, 3, 3)
+    for key, shape in wanted.items():
+        if key in arrays and arrays[key].shape != shape:
+            raise _wrong(key, f"shape {arrays[key].shape} instead of {shape}")
+
+
+def _fit(value: Any, kind: Any, where: str) -> None:
+    if isinstance(kind, list):
+        if not isinstance(value, list):
+            raise _wrong(where, value)
+        for k, item in enumerate(value):
+            _fit(item, kind[0], f"{where}[{k}]")
+    elif isinstance(kind, dict):
+        if not isinstance(value, dict):
+            raise _wrong(where, value)
+        for key, item in value.items():
+            _fit(item, kind.get(key, kind.get(None, object)), f"{where}.{key}")
+    elif (
+        not isinstance(value, kind)
+        or (kind is int and isinstance(value, bool))
+        or (kind is _NUMBER and not np.isfinite(value))
+    ):
+        raise _wrong(where, value)
+
+
+def _wrong(where: str, value: Any) -> DescriptionError:
+    return DescriptionError(
+        f"{where}: {shown(value)} is not what a run has there. The file was changed or comes from "
+        "another program: repeat the run that wrote it."
+    )
+
 
 FORMAT = 2  # that this pinflex reads: 1 has plain arrays, 2 those of `compact`
 HEADER = "pinflex"  # the npz member that says whose file it is, and holds meta
@@ -121,7 +384,7 @@ def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[s
         with path.open("rb") as stream:
             if stream.read(4) != b"PK\x03\x04":
                 raise DescriptionError(f"{path}: not an .npz archive. {remake}", path=path)
-            checked.require_size(path, most)
+            require_size(path, most)
             stream.seek(0)
             npz = np.load(stream, allow_pickle=False)
             if HEADER not in npz.files:
@@ -139,7 +402,7 @@ def read(path: str | Path, most: float) -> tuple[Array, dict[str, Array], dict[s
             coded = header.get("coded", {})
             arrays = decoded({key: npz[key] for key in npz.files if key != HEADER}, coded)
         t = arrays.pop("t")
-        checked.check(header["meta"], arrays, np.atleast_1d(t))
+        check(header["meta"], arrays, np.atleast_1d(t))
         return t, arrays, header["meta"]
     except DescriptionError as error:
         if str(path) in str(error):

@@ -9,8 +9,7 @@ from pinflex.results.drives import drive_table
 from pinflex.text import bullets, number, paragraph, percent, report, short, table
 
 if TYPE_CHECKING:
-    from pinflex.results.comparison import Comparison
-    from pinflex.results.comparison_rows import ResidualRow
+    from pinflex.results.comparison import Comparison, ResidualRow
 
 # What a person should know of a level before trusting its numbers.
 _LEFT_OUT = {

@@ -47,7 +47,7 @@ class DriveView(View):
         Args:
             ax: Where to draw; default: axes of a new figure.
         """
-        return door("viewer.axes", "plot_drive")(self.result, self.name, ax)
+        return door("viewer.plots.axes", "plot_drive")(self.result, self.name, ax)
 
     result: Result
     name: str

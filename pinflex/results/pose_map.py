@@ -88,7 +88,7 @@ class PoseMap:
             panel: One alone: "frequencies" or "stiffness"; over two coordinates "mode 1 [Hz]" ...
             ax: Where to draw that; default: axes of a new figure.
         """
-        return door("viewer.plot_map", "axes_of_map")(self, panel, ax)
+        return door("viewer.plots.maps", "axes_of_map")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         return self.table._repr_html_()

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from pinflex.arrays import Array
+from pinflex.cards import card, pairs
+from pinflex.doors import door, library
+from pinflex.results import quantities
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.rotations import rotation_vector
 from pinflex.text import percent
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from pinflex.results.result import Result
 
 
@@ -82,3 +87,115 @@ def _first_line(result: Result) -> str:
         f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
         f"tol = {tol:g}{'' if advised else ', which is of time integration only'}"
     )
+
+
+# A run as a pandas DataFrame or an xarray Dataset, with units as attributes.
+
+_AXES = {  # dimensions behind time, by the last word of a key
+    "position": ("xyz",),
+    "rotation": ("row", "column"),
+    "velocity": ("twist",),
+    "acceleration": ("twist",),
+    "wrench": ("component",),
+}
+_LABELS = {
+    "xyz": list(quantities.XYZ),
+    "twist": list(quantities.TWIST),
+    "component": list(quantities.WRENCH),
+    "displacement": list(quantities.BENT),
+    "resultant": list(quantities.SECTION),
+}
+_FIELDS = {"deflection": ("displacement",), "resultant": ("resultant",)}
+_FIELDS |= dict.fromkeys(("centreline", "centreline_rigid", "section_y"), ("xyz",))
+
+
+def run_frame(result: Result) -> Any:
+    """The wide table of a run: one row for each instant."""
+    pandas = library("pandas", "to_pandas")
+    table = columns(result)
+    heads = {head: head.rpartition(" [") for head in table}
+    frame = pandas.DataFrame({heads[head][0]: values for head, values in table.items()})
+    frame.attrs["units"] = {name: unit.rstrip("]") for name, _, unit in heads.values()}
+    frame.attrs |= {"name": str(result.meta.get("name", "")), "level": result.level}
+    return frame.set_index("t")
+
+
+def run_dataset(result: Result) -> Any:
+    """Every array of a run by its key, with a dot for every slash."""
+    xarray = library("xarray", "to_xarray")
+    variables: dict[str, Any] = {}
+    labels: dict[str, Any] = {"t": ("t", result.t, {"units": "s"})}
+    for key, values in result.arrays.items():
+        name = key.replace("/", ".")
+        if key.startswith("link/") and key.endswith("/x"):
+            place = name.removesuffix(".x")
+            labels[place] = (place, values, {"units": "m"})
+            continue
+        dims = _dimensions(key, values.shape)
+        labels |= {d: _LABELS[d] for d in dims if d in _LABELS}
+        if key == "torque":
+            labels["motor"] = list(result.motors)
+        unit = result.unit(key)
+        variables[name] = (dims, values, {"units": unit} if unit else {})
+    about = {"name": str(result.meta.get("name", "")), "level": result.level}
+    return xarray.Dataset(variables, labels, about)
+
+
+def _dimensions(key: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Names of the dimensions of an array; of one not known, numbered after its key."""
+    parts = key.split("/")
+    if key == "torque":
+        return ("t", "motor")
+    fallback = tuple(f"{'.'.join(parts)}.{k}" for k in range(1, len(shape)))
+    if parts[0] == "link" and len(parts) > 2:
+        if "mesh" in parts:
+            return _of_mesh(parts, shape)
+        dims = ("t", f"link.{parts[1]}", *_FIELDS.get(parts[2], ()))
+        return dims if len(shape) == len(dims) else ("t", *fallback)
+    if parts[0] in ("frame", "loop") and len(_AXES.get(parts[-1], ())) == len(shape) - 1:
+        return ("t", *_AXES[parts[-1]])
+    return ("t", *fallback)
+
+
+def _of_mesh(parts: list[str], shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Numbered dimensions of a mesh, whose nodes and triangles have no time."""
+    first = () if parts[-1] in ("nodes", "triangles") else ("t",)
+    name = ".".join(parts)
+    return (*first, *(f"{name}.{k}" for k in range(len(first), len(shape))))
+
+
+# How a result is shown: figures, tables of other libraries, the card of a notebook.
+
+
+class Shown:
+    """What a Result offers to look at it."""
+
+    def to_pandas(self) -> Any:
+        """The table of `to_csv` as a pandas DataFrame: index t [s], units in `attrs`."""
+        return run_frame(cast("Result", self))
+
+    def to_xarray(self) -> Any:
+        """Every array as an xarray Dataset: time, names and places as coordinates, units.
+
+        Keys have dots: ds["frame.platform.position"] has the dimensions (t, xyz).
+        """
+        return run_dataset(cast("Result", self))
+
+    def plot(self, quantity: str | None = None, ax: Axes | None = None) -> Any:
+        """Draw a quantity over time; returns the matplotlib axes.
+
+        run.plot("torque"); run.plot("frame/platform"); run.plot("stress")
+        """
+        return door("viewer.plots.axes", "plot_run")(self, quantity, ax)
+
+    def plot_spectrum(self, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
+        """Draw an amplitude spectrum; returns the matplotlib axes."""
+        return door("viewer.plots.axes", "plot_spectrum")(self, quantity, ax, **options)
+
+    def _repr_html_(self) -> str:
+        run = cast("Result", self)
+        heading, *lines = summary(run).splitlines()
+        cells = [(line[2:20].strip(), line[20:]) for line in lines]
+        names = [("torque", ", ".join(run.motors)), ("frames", ", ".join(run.frames))]
+        names.append(("links", ", ".join(run.links)))
+        return card(heading, pairs([*cells, *names]))

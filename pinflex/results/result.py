@@ -15,23 +15,22 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.names import Names
-from pinflex.results import archive, checked, report
+from pinflex.results import archive, report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
-from pinflex.results.given import plain_meta, read_only, timed
-from pinflex.results.keys import unit_of
-from pinflex.results.lazy import Late
-from pinflex.results.quantities import QUANTITIES
-from pinflex.results.shown import Shown
-from pinflex.results.strength import Worst, worst_section
+from pinflex.results.lazy import Late, plain_meta, read_only, timed
+from pinflex.results.quantities import QUANTITIES, unit_of
+from pinflex.results.report import Shown
 from pinflex.results.views import (
     Deviation,
     FrameView,
     JointView,
     LinkView,
     LoopView,
+    Worst,
     peak,
     rms,
+    worst_section,
 )
 from pinflex.rotations import rotation_vector
 from pinflex.text import short
@@ -272,7 +271,7 @@ class Result(Shown):
 
     @classmethod
     @public
-    def load(cls, path: str | Path, most: float = checked.MOST) -> Result:
+    def load(cls, path: str | Path, most: float = archive.MOST) -> Result:
         """Read a file written by `save`; nothing in it is ever executed (no pickle).
 
         Args:

@@ -16,17 +16,98 @@ from functools import cached_property
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath
+from pinflex.actuation.nominal import Nominal, nominal
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, SceneError
 from pinflex.integrators.batch import Batch, States
-from pinflex.integrators.corrector import Before, Corrector
-from pinflex.integrators.inside import Inside
-from pinflex.integrators.march import ANEW, Radau
+from pinflex.integrators.corrector import Before, Corrector, Inside
+from pinflex.integrators.march import ANEW, Radau, Record
 from pinflex.integrators.problem import Path, State
-from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
-from pinflex.levels.outputs import LEAST_SIZES, REST, History, Outputs, relative_size
-from pinflex.solver.expected import Expected
+from pinflex.levels.outputs import (
+    LEAST_SIZES,
+    REST,
+    History,
+    Outputs,
+    between,
+    platform_poses,
+    relative_size,
+)
+from pinflex.levels.rigid import multipliers
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.solver.scene import Scene
+
+# How far a run is going to move, before it is made: from the rigid motion and the stiffness.
+#
+# At a few instants of the rigid motion, what the undeformed links do not balance is laid on their
+# stiffness. A vibration may double it; it is for scales only.
+
+_INSTANTS = 9
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Largest values over a run.
+
+    Attributes:
+        scale: Elastic displacement in the norm of the steps, 0: not known.
+        sizes: By output, in its unit.
+    """
+
+    scale: float
+    sizes: dict[str, float]
+
+
+def few(motion: Nominal) -> Nominal:
+    """As many instants of a rigid motion as scales take, its ends among them."""
+    every = np.linspace(0, len(motion.t) - 1, min(_INSTANTS, len(motion.t)))
+    return motion.at(np.round(every).astype(int))
+
+
+def expected(
+    scene: Scene, end: float, dynamics: Equations | None = None, reference: Nominal | None = None
+) -> Expected:
+    """Scales of a run."""
+    mechanism, system = scene.mechanism, scene.mechanism.loose
+    if scene.spec.level != "coupled" or not system.n_eta or scene.spec.drive == "torque":
+        return Expected(0.0, {})
+    if mechanism.rigid.closed.n != system.closed.n:
+        return Expected(0.0, {})
+    try:
+        if reference is None:
+            reference = nominal(mechanism, scene.motion, np.linspace(0.0, end, _INSTANTS))
+    except SceneError:
+        return Expected(0.0, {})
+    dynamics = dynamics or Equations(system)
+    n, t = dynamics.n_rigid, reference.t
+    y, v, a = (
+        np.concatenate([x, np.zeros((len(t), system.n_eta))], axis=1)
+        for x in (reference.q, reference.v, reference.a)
+    )
+    r, J = dynamics.residual(y, v, a, np.zeros((len(t), system.closed.n)), t).r, dynamics.close(y).J
+    lam, torque = multipliers(mechanism, J[:, :, :n], r[:, :n])
+    force = r[:, n:] - (J[:, :, n:].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
+    eta = np.asarray(-np.linalg.solve(dynamics.strain.stiffness, force.T).T, dtype=float)
+    weight = dynamics.strain.stiffness if scene.by_forces else _mass(dynamics, y[0])
+    sizes = {"torque": _largest(torque), "deflection": _largest(eta)}
+    # Loops that are left open would let the platform go much farther.
+    if mechanism.description.platform and not system.closed.n:
+        bent = y.copy()
+        bent[:, dynamics.nq_rigid :] = eta
+        p, R = platform_poses(mechanism, dynamics, np.concatenate([y, bent]))
+        sizes["platform position"] = _largest(p[len(t) :] - p[: len(t)])
+        sizes["platform rotation"] = _largest(between(R[: len(t)], R[len(t) :]))
+    return Expected(_largest(np.sum((eta @ weight) * eta, axis=1)) ** 0.5, sizes)
+
+
+def _mass(dynamics: Equations, y: Array) -> Array:
+    k = dynamics.n_rigid
+    return np.asarray(dynamics.mass(y)[k:, k:])
+
+
+def _largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
 
 # Of the tolerance: what the second correction may change at the end. More than that is told: of a
 # vibration that no order follows it sees a part only (told over true: tests/benchmarks/BARS.md).

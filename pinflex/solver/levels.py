@@ -15,7 +15,7 @@ from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.assembly import RANK
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step

@@ -6,24 +6,168 @@ correction changes in them is their error, twice which is told (`pinflex.solver.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.run import Run
+from pinflex.levels.modes import modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
-from pinflex.mechanics.equations import Equations
-from pinflex.solver.estimates import floor
-from pinflex.solver.expected import Expected, expected, few
-from pinflex.solver.force_errors import elastic_apart, force_errors
-from pinflex.solver.judge import CONTROL, PART, Judge
-from pinflex.solver.ringing import ringing
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.recovery.links import resultants
+from pinflex.recovery.samples import Samples
+from pinflex.recovery.stress import stresses
+from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
 from pinflex.solver.scene import Progress, Scene
+from pinflex.threads import one_blas_thread
+
+# Estimated errors of runs within a tolerance, and the least that can be told.
+
+
+def errors(run: Run) -> dict[str, float]:
+    """Estimated error by output of a run within a tolerance."""
+    found = run.settings["error"]
+    assert isinstance(found, dict)
+    return found
+
+
+def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> ConvergenceError:
+    """The error of a tolerance below what round-off lets a run tell."""
+    told = 2.0 * (max(errors(last).values(), default=0.0) if worst is None else worst)
+    least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
+    failed = ConvergenceError(
+        f"{scene.mechanism.name}: tol = {tol:g} is below what can be told here: shorter steps show "
+        f"only round-off. The floor of this scene is about tol = {least}: give that or more. "
+        "error.result holds the best run."
+    )
+    failed.result = last
+    return failed
+
+
+# What holds a run by tolerance up: vibration far above the first modes that nothing damps.
+
+_MANY = 500  # steps of a run that nobody wonders at
+_ABOVE = 5.0  # times the third mode: what users mean by the vibration of their robot lies below
+_RESOLVED = 2.5  # steps in the period of a vibration that collocation of six stages follows
+_MODES = 200
+
+
+def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
+    """A sentence where a run has taken many steps to follow undamped vibration, or nothing."""
+    steps, span = run.cost.get("steps", 0.0), float(run.t[-1] - run.t[0])
+    if steps < _MANY or not run.system.n_eta or np.any(run.system.D):
+        return ()
+    found = modes(scene.mechanism, count=_MODES, preload="none").frequencies
+    alive = np.sort(found[found > 1.0 / span])
+    followed = alive[alive < steps / (_RESOLVED * span)]
+    if len(alive) < 3 or not len(followed) or followed[-1] < _ABOVE * alive[2]:
+        return ()
+    spared = "" if "torque" not in (scene.spec.asked or ("torque",)) else (
+        " `solve.asked: [deflection, platform]` spares those steps that only torques need;"
+    )  # fmt: skip
+    woken = "" if run.settings.get("start") == "static" else " `solve.start: static` or"
+    return (
+        f"{steps:.0f} steps of {span / steps:.2g} s follow vibration up to about "
+        f"{followed[-1]:.4g} Hz, which nothing damps (third mode: {alive[2]:.4g} Hz). If you do "
+        "not need it, write `damping: {modal: 0.01}`, which lets it die (for one run: --set "
+        f"'damping={{modal: 0.01}}');{spared}{woken} a smoother motion does not wake it.",
+    )
+
+
+# How far two runs of one system differ in what follows from accelerations: forces and stresses.
+#
+# Stress and section forces relative to their largest values, all sections of all links together;
+# the acceleration of the platform likewise. They take a pass over the samples: few are looked at,
+# those that differ most, and only where strain differs enough, or somebody asks.
+
+_SAMPLES = 51  # the worst of so many pieces
+_PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
+
+Told = Callable[[], Mapping[str, float]]
+
+
+def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
+    """Function that finds the estimated errors, once."""
+
+    @cache
+    def told() -> dict[str, float]:
+        some = _worst(coarse, fine)
+        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
+        with one_blas_thread():
+            found = _differences(a, b)
+        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
+
+    return told
+
+
+def _differences(a: Samples, b: Samples) -> dict[str, float]:
+    """Largest differences of stress, section forces and the platform's acceleration, relative.
+
+    Forces and moments of a section have scales of their own.
+    """
+    mine, theirs = (_quantities(x) for x in (a, b))
+    found: dict[str, float] = {}
+    for (key, x), (_, y) in zip(mine, theirs, strict=True):
+        scale = float(np.max(np.abs(y), initial=0.0))
+        if scale > 0.0:
+            apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
+            found[key] = max(found.get(key, 0.0), apart)
+    return found
+
+
+def _quantities(samples: Samples) -> list[tuple[str, Array]]:
+    """What is compared, with the output that it belongs to."""
+    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
+    if samples.run.system.expansion.slots:  # a rigid run has none
+        forces = resultants(samples)
+        cut = np.concatenate([*forces.values()], axis=1)
+        sections = {name: mechanism.parts[name].spec.section for name in forces}
+        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
+        found = [("stress", np.concatenate(every, axis=1))]
+        found += [("section forces", cut[:, :, s]) for s in _PARTS]
+    if platform := mechanism.description.platform:
+        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
+        found.append(("platform acceleration", moved))
+    return found
+
+
+def _worst(coarse: Run, fine: Run) -> IntArray:
+    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
+    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
+    if len(every) <= _SAMPLES or not fine.system.n_eta:
+        return every[:: -(-len(every) // _SAMPLES)]
+    M = Equations(fine.system).mass(fine.y[0])[m:, m:]
+    squares = _squares(fine, coarse.y - fine.y, M)
+    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
+    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
+
+
+def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
+    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
+    m = int(fine.system.rigid.nv)
+    apart, whole = (
+        _squares(fine, y, mass[m:, m:]).max(axis=1, initial=0.0) ** 0.5
+        for y in (coarse.y - fine.y, fine.y)
+    )
+    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
+    return strain, force
+
+
+def _squares(run: Run, y: Array, M: Array) -> Array:
+    """Energy of strain, and its forces squared over the mass M (n_eta, n_eta), shape (2, nt)."""
+    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
+    force = eta @ run.system.K[m:, m:]
+    lifted = np.linalg.lstsq(M, force.T, rcond=1e-13)[0].T  # coordinates may have no mass
+    return np.abs([np.einsum("ki,ki->k", force, x) for x in (eta, lifted)])
+
 
 _FIRST = 0.5  # resolution of the first steps, of the tolerance
 _INSTANTS = 51  # at which errors are looked at, at the least

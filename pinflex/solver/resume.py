@@ -10,7 +10,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.plain_alpha import Step
 from pinflex.integrators.run import Run
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 

@@ -22,10 +22,7 @@ from pinflex.integrators.linear import Alpha
 from pinflex.integrators.run import Run
 from pinflex.levels.ked import method_of
 from pinflex.levels.outputs import ROUND_OFF, Outputs
-from pinflex.solver.estimates import errors, floor
-from pinflex.solver.force_errors import force_errors
-from pinflex.solver.one_run import in_one_run
-from pinflex.solver.ringing import ringing
+from pinflex.solver.one_run import errors, floor, force_errors, in_one_run, ringing
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step
 

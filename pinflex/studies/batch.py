@@ -22,9 +22,8 @@ from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.recovery.meta import version
 from pinflex.results.columns import Columns
-from pinflex.studies.forks import Lost
-from pinflex.studies.pool import answers
-from pinflex.studies.study_notes import reason
+from pinflex.studies.pool import Lost, answers
+from pinflex.studies.study import reason
 from pinflex.writing import lock, plain, writable
 
 Work = Callable[[Any], dict[str, Any]]

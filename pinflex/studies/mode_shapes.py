@@ -10,12 +10,12 @@ from pinflex.actuation.nominal import Nominal
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
 from pinflex.levels.modes import Modes
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.meta import describe
 from pinflex.recovery.recover import recover
 from pinflex.results.result import Result
-from pinflex.viewer.plot_modes import shape_axes
+from pinflex.viewer.plots.shapes import shape_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from pinflex.advice.solve import solve
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.march import TOGETHER
 from pinflex.mechanics.mechanism import Mechanism

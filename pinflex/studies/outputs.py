@@ -10,10 +10,10 @@ from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.comparison_rows import StressRow, cost_row, platform_row, stress_row
+from pinflex.results.comparison import StressRow, cost_row, platform_row, stress_row
 from pinflex.results.result import Result, peak, rms
-from pinflex.studies.check import first_frequencies
-from pinflex.studies.study_notes import yield_strengths
+from pinflex.studies.checking.check import first_frequencies
+from pinflex.studies.study import yield_strengths
 
 Beside = Callable[[Result, Result | None], Mapping[str, float]]
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")

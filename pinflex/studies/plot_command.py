@@ -10,8 +10,7 @@ import numpy as np
 
 from pinflex.inversion.command import Command
 from pinflex.inversion.verify import Followed
-from pinflex.viewer.drawing import Drawing
-from pinflex.viewer.panels import COLOURS, legend_above, panels, title
+from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,22 +15,19 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.description import Description
-from pinflex.description.motion import Motion
-from pinflex.description.schema import shown
+from pinflex.description.motions.motion import Motion
+from pinflex.description.reading.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import first_modes, modes
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.joints import sliding
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.model.tree import sliding
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.pose_map import PoseMap
 from pinflex.studies.batch import Record, keys, run
-from pinflex.studies.cases import Case, combined, listed
-from pinflex.studies.check import is_loaded, require_vibrating
-from pinflex.studies.pose import moved
-from pinflex.studies.stiffness import platform_compliance
-from pinflex.studies.sweep import described
-from pinflex.studies.tracking import tracked
+from pinflex.studies.checking.check import is_loaded, require_vibrating
+from pinflex.studies.pose import moved, platform_compliance, tracked
+from pinflex.studies.sweep import Case, combined, described, listed
 
 _SPARE = 4  # modes followed beside those shown: one of them may come down among the shown
 

@@ -26,7 +26,7 @@ from pinflex.arrays import Array
 from pinflex.levels.modes import allowed_motions, condensed, vibrating
 from pinflex.levels.quasistatic import rest
 from pinflex.linalg import saddle_matrix
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 STEP = 4e-3  # of the logarithm, at a held state: h^6 is 4e-15

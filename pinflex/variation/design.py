@@ -13,7 +13,7 @@ from pinflex.arrays import Array
 from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.text import brief, number, table
-from pinflex.variation.scene_file import write_scene
+from pinflex.variation.variants import write_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,7 +119,7 @@ class Design(Worded):
             panel: One alone: "search" or "change".
             ax: Where to draw that; default: axes of a new figure.
         """
-        from pinflex.viewer.histories import histories
+        from pinflex.viewer.plots.variation import histories
 
         aims = np.array([found[self.minimised] for _, found, _ in self.history])
         kept = np.array([ok for *_, ok in self.history])

@@ -23,7 +23,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.description import Description
-from pinflex.description.parameters import parameters
+from pinflex.description.reading.parameters import parameters
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
@@ -35,13 +35,10 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
-from pinflex.variation.comparison import Comparison, differences, wrong_units
+from pinflex.variation.data import history_data, modal_data, response_data
 from pinflex.variation.fitted import Fit
-from pinflex.variation.identifiability import covariance, hidden, sentences, unseen
-from pinflex.variation.measured import columns
-from pinflex.variation.modal_data import modal_data
-from pinflex.variation.profile import Best, ends, quantile
-from pinflex.variation.signal_data import history_data, response_data
+from pinflex.variation.measured import Comparison, columns, differences, wrong_units
+from pinflex.variation.profile import Best, covariance, ends, hidden, quantile, sentences, unseen
 from pinflex.variation.variants import Variants, keys, variants
 
 _LATE = 50.0  # times the end of the motion: no measurement goes on for so long

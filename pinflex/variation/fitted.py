@@ -12,8 +12,8 @@ from pinflex.arrays import Array
 from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.text import brief, number, plural, table
-from pinflex.variation.comparison import Panel
-from pinflex.variation.scene_file import write_scene
+from pinflex.variation.measured import Panel
+from pinflex.variation.variants import write_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -170,7 +170,7 @@ class Fit(Worded):
             panel: One alone: the title of a panel, "difference TITLE" for what is below it.
             ax: Where to draw that; default: axes of a new figure.
         """
-        from pinflex.viewer.residuals import residuals
+        from pinflex.viewer.plots.variation import residuals
 
         drawn = residuals([
             (p.title, p.along, p.unit, p.x, p.measured, p.model, p.std) for p in self.panels

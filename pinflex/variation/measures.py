@@ -22,9 +22,9 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.pose_map import AXES, free_stiffness
 from pinflex.results.result import Result
-from pinflex.studies.check_statics import statics
+from pinflex.studies.checking.parts import statics
 from pinflex.studies.outputs import prismatic, scene_outputs
-from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.pose import platform_compliance
 from pinflex.variation.peaks import over_time
 
 RUNS = ("deviation", "torque", "stress")

@@ -22,14 +22,13 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.description import Description
-from pinflex.description.parameters import parameters
+from pinflex.description.reading.parameters import parameters
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.threads import one_blas_thread
 from pinflex.variation.design import Design
-from pinflex.variation.evaluator import Evaluator
-from pinflex.variation.limits import limits
+from pinflex.variation.evaluator import Evaluator, limits
 from pinflex.variation.measures import check_names
 from pinflex.variation.variants import Variants, keys, variants
 
@@ -66,7 +65,7 @@ def design(
         model: A model, or what `load` takes.
         minimise: Output, see `pinflex.variation.measures`.
         vary: (low, high) by key path; links of one block of the YAML are one variable.
-        keep: Limits, see `pinflex.variation.limits`. One on frequency.1 holds for those above too.
+        keep: Limits, see `pinflex.variation.evaluator`. One on frequency.1 holds for those above too.
         choose: Values to choose from by key path, or rows of several numbers below it (a catalogue
             of tubes by "flexible.arm_?.section"): tried about the continuous optimum.
         report: Other outputs to tell of the design.

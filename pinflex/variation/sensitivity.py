@@ -14,7 +14,7 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.cards import Worded
 from pinflex.description.description import Description
-from pinflex.description.parameters import Parameter, parameters
+from pinflex.description.reading.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
@@ -112,7 +112,7 @@ class Sensitivities(Worded):
             panel: One output alone.
             ax: Where to draw that; default: axes of a new figure.
         """
-        from pinflex.viewer.tornado import tornado
+        from pinflex.viewer.plots.variation import tornado
 
         return tornado(self.parameters, self.outputs, self.table).axes(panel, ax, path)
 

@@ -8,24 +8,28 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.description.description import Description
-from pinflex.description.parameters import Parameter, parameters
+from pinflex.description.reading.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.mechanics.followed import share
+from pinflex.mechanics.evaluation.equations import share
 from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.mechanics.parts import FlexiblePart
+from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.results.result import Result
 from pinflex.solver.solve import scene_of
+from pinflex.writing import replaced
 
 _OF_BEAMS = re.compile(r"flexible\..*\.(section|material)\..*")
 _SWITCHES = {"u": "axial", "v": "bending_y", "w": "bending_z", "p": "torsion"}
@@ -145,3 +149,20 @@ def variants_of(description: Description, patterns: tuple[str, ...]) -> Variants
     made = variants(load(description), patterns)
     _latest[:] = [(texts, made)]
     return made
+
+
+# A scene with other numbers as a YAML that loads as it is.
+
+
+def write_scene(description: Description, path: str | Path, notes: Iterable[str]) -> Path:
+    """Write a scene with comments at its head."""
+    path = Path(path)
+    raw = yaml.safe_load(description.yaml_text)
+    old = None if description.path is None else description.path.parent
+    for block, key in ((raw, "urdf"), (raw.get("motion") or {}, "file")):
+        if old is not None and isinstance(block.get(key), str) and (old / block[key]).is_file():
+            block[key] = os.path.relpath(old / block[key], path.absolute().parent)
+    head = "".join(f"# {line}\n" for line in notes)
+    with replaced(path) as part:
+        part.write_text(head + yaml.safe_dump(raw, sort_keys=False), "utf-8")
+    return path

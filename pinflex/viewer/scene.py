@@ -17,7 +17,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.results.result import Result
 from pinflex.results.views import Deviation
-from pinflex.viewer.curves import plots, track
+from pinflex.viewer.curves import plots, track, verdicts
 from pinflex.viewer.frames import FrameLocator
 from pinflex.viewer.links import (
     FIELDS,
@@ -30,7 +30,6 @@ from pinflex.viewer.links import (
 )
 from pinflex.viewer.skeleton import Skeleton, body_shapes, skeletons
 from pinflex.viewer.surfaces import surfaces
-from pinflex.viewer.verdicts import verdicts
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB

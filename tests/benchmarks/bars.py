@@ -28,7 +28,7 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pinflex as pf
-from pinflex.advice.second_run import free, outputs_apart
+from pinflex.advice.error_bars import free, outputs_apart
 from pinflex.errors import PinflexError
 from pinflex.results.error_bars import NONE
 from tests.scenes import Body, load

@@ -33,8 +33,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.variation.variants import variants
 from tests.variation.summed import Summed
 

@@ -24,10 +24,10 @@ import pinocchio as pin
 
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
-from pinflex.description.motion import from_spec
+from pinflex.description.motions.motion import from_spec
 from pinflex.integrators.equal_steps import integrate
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.viewer.view import write_html
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 import pinflex as pf
 from pinflex.lab.scene import Body, scene
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 SIZES = (1, 4, 16, 64, 256)

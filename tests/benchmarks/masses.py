@@ -21,7 +21,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
 from pinflex.mechanics import masses
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
 RHO, WIDTH, THICK = 2700.0, 0.02, 0.006

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinflex as pf
-from pinflex.mechanics.tree import Link
+from pinflex.mechanics.model.tree import Link
 
 SMALLEST = 0.05  # m: shorter spans are not beams
 STATES = 10

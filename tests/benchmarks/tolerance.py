@@ -26,8 +26,7 @@ from pinflex.integrators.collocation import radau
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.mechanics.mechanism import load
-from pinflex.solver.estimates import errors
-from pinflex.solver.one_run import in_one_run
+from pinflex.solver.one_run import errors, in_one_run
 from pinflex.solver.scene import Scene
 from pinflex.solver.tolerance import solve_to_tolerance
 from pinflex.threads import one_blas_thread

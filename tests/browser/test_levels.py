@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pinflex.results.result import Result
+from pinflex.viewer.curves import verdicts
 from pinflex.viewer.scene import build_scenes
-from pinflex.viewer.verdicts import verdicts
 from pinflex.viewer.view import view, write_runs_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import FALLEN

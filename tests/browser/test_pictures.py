@@ -11,8 +11,8 @@ import pytest
 from pinflex.__main__ import main
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.results.result import Result
-from pinflex.viewer.capture import film, picture
-from pinflex.viewer.pictures import instant
+from pinflex.viewer.export.capture import film, picture
+from pinflex.viewer.export.pictures import instant
 from tests.browser.chromium import CHROMIUM
 
 
@@ -73,7 +73,8 @@ def test_without_ffmpeg_one_sentence_says_what_to_do(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(
-        "pinflex.viewer.capture.shutil.which", lambda name: CHROMIUM if "chrom" in name else None
+        "pinflex.viewer.export.capture.shutil.which",
+        lambda name: CHROMIUM if "chrom" in name else None,
     )
     assert main(["view", str(run.save(tmp_path / "run.npz")), "--mp4"]) == 1
     told = capsys.readouterr().err.strip().splitlines()
@@ -105,7 +106,7 @@ def test_without_a_browser_lines_are_drawn_and_it_is_said(
     from PIL import Image
 
     monkeypatch.setenv("PINFLEX_BROWSER", str(tmp_path / "none"))
-    monkeypatch.setattr("pinflex.viewer.pictures.SECONDS", 0.5)
+    monkeypatch.setattr("pinflex.viewer.export.pictures.SECONDS", 0.5)
     file = str(run.save(tmp_path / "run.npz"))
     assert main(["view", file, "--png", "0.03", "--gif"]) == 0
     assert capsys.readouterr().out.count("no Chromium was found") == 2

@@ -10,8 +10,8 @@ import pytest
 import pinflex as pf
 from pinflex.results.result import Result
 from pinflex.studies.mode_shapes import mode_runs
+from pinflex.viewer.export.pictures import instant
 from pinflex.viewer.links import MOST
-from pinflex.viewer.pictures import instant
 from pinflex.viewer.scene import build_scene
 from pinflex.viewer.view import write_html, write_modes_html
 from tests.browser.chromium import Browser

@@ -149,7 +149,7 @@ def test_merges_that_multiply_or_disagree_are_refused(tmp_path: Path) -> None:
 
 def test_loads_without_gravity_count_in_every_frequency() -> None:
     """24 N of thrust at the tip of a strip that buckles at 28 N: 2.511 Hz, not 6.684."""
-    from pinflex.studies.check import first_frequencies
+    from pinflex.studies.checking.check import first_frequencies
 
     thrust = ["gravity=[0,0,0]", "forces={push: {at: tip, force: [-24, 0, 0]}}"]
     robot = pf.load("cantilever", thrust)

@@ -12,7 +12,7 @@ import pytest
 
 from pinflex import boundary
 from pinflex.__main__ import _COMMANDS, build_parser, main
-from pinflex.advice import text as advice_text
+from pinflex.advice import proposal as advice_text
 from pinflex.advice.proposal import Advice
 from pinflex.advice.reduced_models import LeftOut
 from pinflex.errors import PinflexError

@@ -15,8 +15,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import build_parser, main
-from pinflex.description.json_schema import json_schema
-from pinflex.description.yaml_text import load
+from pinflex.description.reading.json_schema import json_schema
+from pinflex.description.reading.yaml_text import load
 from tests.docs.blocks import ELSEWHERE, PAGES, ROOT, Block, blocks
 
 RUN = [block for block in blocks("python", "sh") if block.file not in ELSEWHERE]

@@ -29,7 +29,7 @@ import pinflex as pf
 from pinflex import progress as bars
 from pinflex.__main__ import main
 from pinflex.errors import PinflexError, RunInterrupted
-from pinflex.studies.check import check
+from pinflex.studies.checking.check import check
 from tests.fuzz import mangle
 
 SECONDS = 20.0  # without an answer or progress

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pinflex as pf
-from pinflex.description import description, home_text, material, motion, section
+from pinflex.description import description, section
+from pinflex.description.blocks import home_text, material
 from pinflex.description.description import read
+from pinflex.description.motions import motion
 from pinflex.errors import PinflexError
 from tests.unit.description.test_description import BAD_URDFS, BAD_VALUES, URDF, YAML, write
 

@@ -13,7 +13,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.description import shaping, yaml_text
+from pinflex.description.motions import shaping
+from pinflex.description.reading import yaml_text
 from pinflex.errors import ModelNotFoundError
 from pinflex.kernel import build
 from pinflex.kernel.library import kernel

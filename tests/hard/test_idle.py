@@ -12,8 +12,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
+from pinflex.studies.checking.check import check, write
 from tests.scenes import Body, load
 
 # A spatial four-bar: the crank turns about z, the rocker about x; their tips are 0.5 m apart.

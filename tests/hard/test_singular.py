@@ -146,7 +146,7 @@ def test_bricard_keeps_rank_four_of_five_along_the_whole_path() -> None:
     from dataclasses import replace
 
     from pinflex.mechanics.closure import closures
-    from pinflex.mechanics.equations import Equations
+    from pinflex.mechanics.evaluation.equations import Equations
 
     r = pf.solve(m, pf.hold(duration=2.0), "coupled", dt=2e-3, samples=21)
     # The row that was left out is in no output: closures as the file has them.

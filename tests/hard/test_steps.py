@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.integrators.schemes import generalized_alpha
+from pinflex.integrators.collocation import generalized_alpha
 from pinflex.lab.loops import pendulum
 from pinflex.lab.scene import energy, released
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
 STEPS = [10.0**-k for k in range(2, 8)]

@@ -20,7 +20,7 @@ import pinflex as pf
 from pinflex.inversion import exact
 from pinflex.inversion.exact import invert
 from pinflex.inversion.instant import Instant
-from pinflex.inversion.series import series
+from pinflex.inversion.on_grid import series
 from pinflex.inversion.target import delayed, target
 
 BEAM = "{shape: rectangle, width: 0.025, thickness: 0.004}"

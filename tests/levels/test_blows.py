@@ -9,7 +9,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.solver.blows import blows
+from pinflex.solver.solve import blows
 from tests.scenes import Body, load
 
 SPEED, AT, OMEGA = 0.1, 0.103, 20.0  # [m/s], [s], [rad/s]

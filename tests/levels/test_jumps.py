@@ -10,7 +10,7 @@ import scipy.linalg
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import UNIT_BEAM, Body, load
 
 RAMP, END = 0.5, 3.0  # s: jumps at 0.5, 1.5 and 2 s

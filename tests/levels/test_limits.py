@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.description.motion import Motion
+from pinflex.description.motions.motion import Motion
 from tests.finite import slope
 from tests.scenes import published
 

@@ -14,7 +14,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.studies.check import check
+from pinflex.studies.checking.check import check
 from tests.finite import slope
 from tests.scenes import Body, load
 

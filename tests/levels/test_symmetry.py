@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
 BASE, LINK, CORNER = 0.35, 0.25, 0.10  # [m] radius of the motors, length, radius of the platform

@@ -117,7 +117,7 @@ ELLIPSE = section.Shape("ellipse", {"height": "length", "width": "length"}, elli
 
 
 def test_a_section_shape(tmp_path: Path) -> None:
-    from pinflex.results.strength import torsion_shear
+    from pinflex.results.views import torsion_shear
 
     section.register_shape(ELLIPSE)
     path = arm(tmp_path, "{shape: ellipse, height: 0.006, width: 0.02}")
@@ -195,8 +195,7 @@ def test_a_stepper(tmp_path: Path) -> None:
 
 
 def test_registered_integrators_have_names_in_the_yaml(tmp_path: Path) -> None:
-    from pinflex.integrators.collocation import radau
-    from pinflex.integrators.schemes import generalized_alpha
+    from pinflex.integrators.collocation import generalized_alpha, radau
     from pinflex.studies.bench import Case, _Scenes
 
     path, given = arm(tmp_path), {"until": 0.05, "samples": 11}
@@ -270,8 +269,7 @@ def test_a_sweep_in_processes_knows_what_was_registered(
 
 
 def test_an_alpha_scheme_and_a_tableau_of_ones_own(tmp_path: Path) -> None:
-    from pinflex.integrators.collocation import radau
-    from pinflex.integrators.schemes import AlphaScheme
+    from pinflex.integrators.collocation import AlphaScheme, radau
 
     m = pf.load(arm(tmp_path))
     given: dict[str, float] = {"dt": 2e-4, "until": 0.05, "samples": 11}
@@ -356,7 +354,7 @@ def test_an_input_format(tmp_path: Path) -> None:
 def test_the_loops_of_an_input_format_join_those_of_the_yaml(tmp_path: Path) -> None:
     from dataclasses import replace
 
-    from pinflex.description.urdf import check
+    from pinflex.description.robots.urdf import check
 
     def closed(text: str, file: str, package_dirs: tuple[str, ...]) -> sources.Source:
         pin = {"kind": "revolute", "between": ["end_a", "end_b"]}

@@ -15,7 +15,7 @@ import pinflex as pf
 ROOT = Path(pf.__file__).parent
 TABLE = re.findall(r"^    (\w+)  +\w", (pf.__doc__ or "").split("Where the code is")[1], re.M)
 BESIDE = (
-    *("arguments", "arrays", "boundary", "cards", "doors", "errors", "linalg", "names", "progress"),
+    *("boundary", "arrays", "boundary", "cards", "doors", "errors", "linalg", "names", "progress"),
     *("registered", "rotations", "text", "threads", "writing"),
 )
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))

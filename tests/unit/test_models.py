@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.description import description, schema, yaml_text
+from pinflex.description import description
+from pinflex.description.reading import schema, yaml_text
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PLANAR, SPATIAL = ("3rrr", "race_r1"), ("3rrs", "race_r2")

@@ -15,7 +15,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.boundary import VARIABLE, public
-from pinflex.description.fields import names_of
+from pinflex.description.reading.schema import names_of
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.results.columns import Columns

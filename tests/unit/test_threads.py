@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import pinflex as pf
 from pinflex.mechanics.reference.evaluator import Reference
-from pinflex.studies.check import check
+from pinflex.studies.checking.check import check
 from pinflex.threads import one_blas_thread
 
 

@@ -14,7 +14,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 
 BASES = {
     "quintic": "{kind: finite_element, elements: 1, order: quintic}",

@@ -14,7 +14,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.advice.advise import advise
-from pinflex.advice.finer import finer_model
+from pinflex.advice.error_bars import finer_model
 from pinflex.advice.reduced_models import richer
 from tests.cli.small import call
 from tests.scenes import published

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.pose import platform_compliance
 from tests.delta_frame import START, DeltaFrame, acceleration_of, elbows, plate_at, quasistatic
 from tests.frame import Array
 

@@ -17,7 +17,7 @@ from papers.strain_forces import strain_forces
 import pinflex as pf
 from pinflex.errors import DescriptionError
 from pinflex.recovery.reactions import joint_reactions, shaking
-from pinflex.results.strength import worst_section
+from pinflex.results.views import worst_section
 
 WEIGHT = (0.152 + 6 * 0.008775) * 9.81  # [N]
 BASE = 0.12 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.radians([90, 210, 330])])  # [m]

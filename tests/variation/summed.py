@@ -12,8 +12,8 @@ from scipy.linalg import eigh
 from scipy.optimize import least_squares, linear_sum_assignment
 
 from pinflex.levels.modes import allowed_motions
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.variation.derivatives import ModalState
 
 FAR = np.log(10.0)  # bounds of a fit

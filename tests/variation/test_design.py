@@ -9,9 +9,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.description.parameters import parameters
+from pinflex.description.reading.parameters import parameters
 from pinflex.variation.design import kkt
-from pinflex.variation.limits import limits
+from pinflex.variation.evaluator import limits
 from pinflex.variation.measures import measure
 from tests.scenes import Body, load
 

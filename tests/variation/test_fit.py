@@ -12,12 +12,12 @@ from scipy.stats import chi2
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.frames import frame_jacobian
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.variation.derivatives import extrapolated, of_frequencies
-from pinflex.variation.identifiability import covariance, hidden, unseen
 from pinflex.variation.measured import columns
 from pinflex.variation.measures import measure
+from pinflex.variation.profile import covariance, hidden, unseen
 from pinflex.variation.variants import variants
 
 # Least squares stop at 1e-10 of a logarithm; derivatives at a held state are good to 1e-6, which

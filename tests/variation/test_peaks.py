@@ -8,9 +8,8 @@ from numpy.polynomial import Polynomial
 
 import pinflex as pf
 from pinflex.results.comparison import comparison
-from pinflex.variation.peaks import Peaks
+from pinflex.variation.peaks import Peaks, Windows, around, highest, steps_around
 from pinflex.variation.variants import variants
-from pinflex.variation.windows import Windows, around, highest, steps_around
 
 ASKED = 1e-3  # of coupled peaks
 OUTPUTS = ["deviation.peak", "torque.peak", "stress.peak"]

@@ -10,8 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.variation import scatter as module
-from pinflex.variation.distributions import Distribution, distributions
-from pinflex.variation.scatter import designs
+from pinflex.variation.scatter import Distribution, designs, distributions
 from pinflex.variation.variants import variants_of
 
 RANDOM = (

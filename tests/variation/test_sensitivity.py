@@ -10,7 +10,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.description.parameters import parameters
+from pinflex.description.reading.parameters import parameters
 from pinflex.variation import sensitivity as module
 from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import measure

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import by_configuration, by_speed, close, random_state
 from tests.scenes import Body, load
 

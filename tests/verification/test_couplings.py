@@ -11,8 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pinflex as pf
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
+from pinflex.studies.checking.check import check, write
 from tests.scenes import Body, load
 
 ROUNDING = 1e-12

@@ -12,11 +12,10 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.recovery.reactions import shaking
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
-from pinflex.viewer.torque_speed import torque_speed
+from pinflex.studies.checking.check import check, write
+from pinflex.viewer.plots.axes import torque_speed
 from tests.finite import slope
 from tests.scenes import Body, load
 

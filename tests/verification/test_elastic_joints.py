@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.lab.scene import urdf
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
+from pinflex.studies.checking.check import check, write
 from pinflex.studies.study import study
 from tests.finite import slope
 from tests.scenes import Body, load

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.advice.second_run import outputs_apart
+from pinflex.advice.error_bars import outputs_apart
 from pinflex.results.error_bars import NOT_MEASURED
 
 RODS = """<robot name="two">

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 import pinflex as pf
 from pinflex.bodies.second_order import _second_rotation
-from pinflex.description.external import FrameForce
+from pinflex.description.blocks.external import FrameForce
+from pinflex.description.motions.shaping import shaper
 from pinflex.description.section import from_spec
-from pinflex.description.shaping import shaper
-from pinflex.recovery.load_work import load_work
+from pinflex.recovery.kinematics import load_work
 from pinflex.recovery.reactions import shaking
 from pinflex.recovery.stress import stresses
-from pinflex.results.strength import point_stress
+from pinflex.results.views import point_stress
 from tests.finite import slope
 from tests.scenes import Body, load
 from tests.verification.test_beams import BEAM, scene

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.studies.check import check
+from pinflex.studies.checking.check import check
 from tests.scenes import Body, load
 
 HUB, TURN, RADIUS, LENGTH = 100.0, 10.0, 0.5, 2.0  # [kg], [kg m^2] each axis, [m], [m]

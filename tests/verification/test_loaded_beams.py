@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.levels.quasistatic import rest
-from pinflex.mechanics.equations import Equations
-from pinflex.studies.check import check
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.studies.checking.check import check
 from tests import analytical
 from tests.scenes import Body, load
 from tests.verification.test_beams import BEAM, LIMIT, RICH, omega, scene

@@ -13,13 +13,13 @@ from scipy.special import ellipj, ellipk
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
-from pinflex.description.motion import Motion, from_spec
+from pinflex.description.motions.motion import Motion, from_spec
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.plain_radau import PlainRadau, Step
 from pinflex.integrators.problem import Problem, State
 from pinflex.lab.loops import pendulum
 from pinflex.levels.start import straight_start
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from tests.finite import slope
 

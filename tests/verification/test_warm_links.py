@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.description.material import MATERIALS
+from pinflex.description.blocks.material import MATERIALS
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
 L, A, E, ALPHA, T = 0.5, 4e-4, 2.1e11, 12e-6, 50.0

@@ -1,6 +1,6 @@
 /* Tables of one system, the workspace of one run, and what the files of the kernel do for it.
 
-   Equations and notation: pinflex/mechanics/equations.py and expansion.py. The system is
+   Equations and notation: pinflex/mechanics/evaluation/equations.py and expansion.py. The system is
 
      r(y, v, a, lam) = X' (rnea(Q, X v, X a + Xdot v) - J_Q' lam) + K y + D v + F(v),  c(y) = 0
 

@@ -1,6 +1,6 @@
 /* The rows of a sleeve by where it is and how the beam is bent.
 
-   On one body (pinflex/mechanics/contact.py), with v, w and the twist psi at X = p_x, at
+   On one body (pinflex/mechanics/evaluation/equations.py), with v, w and the twist psi at X = p_x, at
    X +- a, and n_y = (-v', 1, psi), n_z = (-w', -psi, 1):
 
      hold  p_y - v     right  v(X + a) - v - a v'     left  v(X - a) - v + a v'     chord  p_y

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.system import System
+from pinflex.mechanics.model.system import System
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from pinflex.mechanics.reference.jets import (
 
 if TYPE_CHECKING:
     from pinflex.bodies.track import Track
-    from pinflex.mechanics.slider import Segment, Sleeve
+    from pinflex.mechanics.model.slider import Segment, Sleeve
 
 # How far beyond the root of a segment, over its length, a sleeve is on it. The curvature jumps
 # there, as between elements; a sleeve that comes to rest at a border, as round numbers have it,

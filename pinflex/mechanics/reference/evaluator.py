@@ -18,13 +18,14 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.mechanics.evaluated import (
+from pinflex.mechanics.evaluation.compiled import (
     Closure,
     Energies,
     JointForces,
     Kinematics,
     Tangent,
 )
+from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.reference import closures
 from pinflex.mechanics.reference.closures import Moves
@@ -32,11 +33,10 @@ from pinflex.mechanics.reference.coordinate_map import Configuration, Coordinate
 from pinflex.mechanics.reference.jets import Jet, joined
 from pinflex.mechanics.reference.loads import LoadState
 from pinflex.mechanics.reference.placing import Placing
-from pinflex.mechanics.strain import Strain
 
 if TYPE_CHECKING:
     from pinflex.mechanics.closure import Closures
-    from pinflex.mechanics.system import System
+    from pinflex.mechanics.model.system import System
 
 # Of the differences along y [rad | m]: the fourth order leaves 1e-13 of a force, as does round-off.
 # A sleeve may stand beside a border of elements, beyond which its rows are other polynomials.

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.description.external import FrameForce
-from pinflex.mechanics.expanded import Attachment
-from pinflex.mechanics.loads import Loads
+from pinflex.description.blocks.external import FrameForce
+from pinflex.mechanics.model.expanded import Attachment
+from pinflex.mechanics.model.loads import Loads
 from pinflex.mechanics.poses import support
 
 

@@ -1,6 +1,6 @@
 """A sleeve on a beam at one state: its rows, and what it does to the beam.
 
-Of one body (`pinflex.mechanics.slider`) the sleeve stands at X, where frame b projects on the
+Of one body (`pinflex.mechanics.model.slider`) the sleeve stands at X, where frame b projects on the
 beam's x axis; v, w and the twist psi are of first order:
 
     hold    Y - v(X)                  right, left   v(X +- a) - v(X) -+ a v'(X)
@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.mechanics.model.slider import ROWS
 from pinflex.mechanics.reference.curve import Curve, section
 from pinflex.mechanics.reference.jets import Jet, constant, dot, product, stacked
-from pinflex.mechanics.slider import ROWS
 
 if TYPE_CHECKING:
     from pinflex.bodies.track import Track
-    from pinflex.mechanics.slider import Contact, Sleeve
+    from pinflex.mechanics.model.slider import Contact, Sleeve
 
 _AXES = {"v": 1, "w": 2}
 _SIDES = {"right": (1,), "left": (-1,), "pivot": (-1, 1)}

@@ -24,7 +24,7 @@ from pinflex.integrators.run import Run
 from pinflex.kernel import header
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import platform_poses
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.recovery.recover import recover
 from pinflex.solver.scene import Scene

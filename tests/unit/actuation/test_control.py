@@ -7,7 +7,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.description.patch import piezo_constant
+from pinflex.description.blocks.flexible import piezo_constant
 
 BEAM = ["flexible.beam.basis={kind: assumed, boundary: free_free, modes: 8}"]
 PATCH = "flexible.beam.patches={pzt: {from: 0.115, to: 0.145, constant: 5e-4}}"

@@ -16,8 +16,8 @@ from pinflex.actuation.drive import _hermite
 from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
 from pinflex.actuation.path import Path
 from pinflex.arrays import Array
-from pinflex.description.motion import Motion, from_spec
-from pinflex.mechanics.equations import Equations
+from pinflex.description.motions.motion import Motion, from_spec
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
 CLOSED = 1e-11  # [m] ten times the package's own limit of a closed pose

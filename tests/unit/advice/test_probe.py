@@ -9,11 +9,11 @@ import pinflex as pf
 from pinflex.actuation.nominal import nominal
 from pinflex.advice.probe import Probe
 from pinflex.advice.subspace import shapes_of
+from pinflex.integrators.collocation import generalized_alpha
 from pinflex.integrators.linear import alpha
-from pinflex.integrators.schemes import generalized_alpha
 from pinflex.levels.ked import solve_ked
 from pinflex.levels.start import linear_start
-from pinflex.mechanics.parts import resolve
+from pinflex.mechanics.model.parts import resolve
 from pinflex.solver.solve import default_motion
 
 

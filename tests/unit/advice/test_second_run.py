@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinflex.advice.second_run import shared
+from pinflex.advice.error_bars import shared
 
 
 def test_only_sections_at_one_place_are_compared() -> None:

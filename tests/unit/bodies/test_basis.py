@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.bodies import beam_modes
+from pinflex.bodies import family as beam_modes
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.beam import second_order
-from pinflex.description.flexible import Basis
-from pinflex.description.link_mass import EndMass
+from pinflex.description.blocks.flexible import Basis, EndMass
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
 from tests.bar import BAR, CB, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega

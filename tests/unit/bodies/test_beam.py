@@ -7,7 +7,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.description.flexible import Basis
+from pinflex.description.blocks.flexible import Basis
 from pinflex.description.section import Section
 from tests.bar import BAR, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega
 

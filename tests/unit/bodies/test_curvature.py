@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.bodies.curvature import Curvature, curvature
 from pinflex.bodies.family import hermite
-from pinflex.mechanics.equations import Equations
+from pinflex.bodies.section_at import Curvature, curvature
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import slope
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinflex.arrays import Array
-from pinflex.bodies import beam_modes
+from pinflex.bodies import family as beam_modes
 from pinflex.bodies.family import (
     Family,
     assumed,

@@ -24,14 +24,14 @@ from pinflex.bodies.basis import FlexibleBody, flexible_body
 from pinflex.bodies.mesh import checked, read, stepped_rod
 from pinflex.bodies.second_order import _second_rotation
 from pinflex.bodies.solid import Solid, of_matrices, of_mesh
-from pinflex.bodies.summary import modal_data, save, summary
 from pinflex.bodies.superelement import reduce
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.material import Material
+from pinflex.description.blocks.flexible import Basis, FlexibleLink
+from pinflex.description.blocks.material import Material
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.recovery import solids
+from pinflex.studies.checking.parts import modal_data, save, summary
 from tests.finite import by_configuration, close, random_state
 from tests.scenes import Body, load
 

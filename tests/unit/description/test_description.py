@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.description import description, finding, flexible, loops, material, section
+from pinflex.description import description, loops, section
+from pinflex.description.blocks import flexible, material
 from pinflex.description.description import Basis, Description, JointExtra, SolveSpec, read
-from pinflex.description.urdf import check
+from pinflex.description.robots.urdf import check
 from pinflex.errors import DescriptionError, ModelNotFoundError
 
 URDF = """<?xml version="1.0"?>
@@ -164,7 +165,7 @@ def test_a_shipped_model_is_found_by_its_name(
     folder = tmp_path / "bar4"
     folder.mkdir()
     write(folder).rename(folder / "bar4.yaml")
-    monkeypatch.setattr(finding, "_MODEL_FOLDERS", (tmp_path,))
+    monkeypatch.setattr(description, "_MODEL_FOLDERS", (tmp_path,))
     assert description.model_names() == ("bar4",)
     assert read("bar4").name == "bar4"
     with pytest.raises(ModelNotFoundError, match='bar5: no such file.* Did you mean "bar4"'):

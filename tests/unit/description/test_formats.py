@@ -16,10 +16,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.description import sources
-from pinflex.description.couplings import Coupling
+from pinflex.description.blocks.joints import Coupling
 from pinflex.description.description import read
-from pinflex.description.source import Source
-from pinflex.description.tree_text import from_rpy, rpy
+from pinflex.description.files import Source
+from pinflex.description.robots.tree_text import from_rpy, rpy
 from pinflex.errors import DescriptionError
 
 EXACT = 1e-12  # relative: sums of a few products

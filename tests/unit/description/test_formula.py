@@ -43,7 +43,7 @@ def test_a_parabola_starts_at_rest_with_its_acceleration() -> None:
 
 
 def test_the_specification_rebuilds_the_motion() -> None:
-    from pinflex.description.motion import from_spec
+    from pinflex.description.motions.motion import from_spec
 
     motion = pf.formula(platform={"x": "t", "z": 0}, duration=2.0, absolute=True)
     again = from_spec(motion.spec, "motion")

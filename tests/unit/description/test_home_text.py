@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import pinflex as pf
-from pinflex.description import yaml_text
-from pinflex.description.home_text import with_home
+from pinflex.description.blocks.home_text import with_home
+from pinflex.description.reading import yaml_text
 
 POSE: dict[str, float | list[float]] = {"a": 2.5, "b": [0.5, 0.25], "c: d": 3.0}
 LINES = "home:\n  a: 2.5\n  b: [0.5, 0.25]\n  'c: d': 3.0\n"

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from pinflex.description.motion import (
+from pinflex.description.motions.motion import (
     KINDS,
     Motion,
     circle,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinflex.description import material, torsion
+from pinflex.description.blocks import material, torsion
 from pinflex.description.section import Points, Section, from_spec
 from pinflex.errors import DescriptionError
 

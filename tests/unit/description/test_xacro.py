@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.description import confined
 from pinflex.description.description import read
+from pinflex.description.robots import confined
 from pinflex.errors import DescriptionError
 
 pytest.importorskip("xacro")

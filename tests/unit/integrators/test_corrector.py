@@ -12,13 +12,12 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.batch import Batch
 from pinflex.integrators.corrector import Before, Corrector
-from pinflex.integrators.march import Radau
+from pinflex.integrators.march import Radau, Record
 from pinflex.integrators.problem import State
-from pinflex.integrators.record import Record
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
-from pinflex.solver.expected import expected
+from pinflex.solver.judge import expected
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 

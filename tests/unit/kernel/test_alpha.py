@@ -11,10 +11,10 @@ import pytest
 import pinflex as pf
 from pinflex.errors import PinflexError, RunInterrupted
 from pinflex.integrators.run import Run
-from pinflex.kernel.alpha import AlphaKernel
 from pinflex.kernel.library import kernel
+from pinflex.kernel.stages import AlphaKernel
 from pinflex.lab.four_bars import SPEEDS, four_bars, four_bars_exact
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from tests.unit.kernel.test_plain import CONTROLS, SAME_ALPHA, same

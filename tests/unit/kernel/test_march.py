@@ -19,16 +19,15 @@ from pinflex.errors import ConvergenceError, PinflexError, RunInterrupted
 from pinflex.integrators import march
 from pinflex.integrators.batch import STATE, Batch
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.compiled_stages import sorts_of
-from pinflex.integrators.march import March, Radau
+from pinflex.integrators.compiled import sorts_of
+from pinflex.integrators.march import March, Radau, Record
 from pinflex.integrators.prescribed import tabulated
-from pinflex.integrators.record import Record
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 from pinflex.kernel.stages import Rows, Scheme, StageKernel
 from pinflex.mechanics.closure import closures
-from pinflex.mechanics.compiled import Compiled
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.compiled import Compiled
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.solver.scene import Scene
 from tests.benchmarks.race.case import scene
 from tests.property.trees import tree

@@ -16,12 +16,10 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
-from pinflex.mechanics.added_mass import AddedMasses
-from pinflex.mechanics.compiled import Compiled, on_kernel
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.friction import DryFriction
-from pinflex.mechanics.loads import Loads
-from pinflex.mechanics.system import System
+from pinflex.mechanics.evaluation.compiled import Compiled, on_kernel
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.loads import AddedMasses, Loads
+from pinflex.mechanics.model.system import DryFriction, System
 from tests.every_model import NAMES, at_home, manifold, mechanism
 from tests.scenes import Body, load
 from tests.unit.kernel.test_kernel import bare as of_model

@@ -11,9 +11,9 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
-from pinflex.mechanics.compiled import Compiled, on_kernel
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.system import System
+from pinflex.mechanics.evaluation.compiled import Compiled, on_kernel
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.system import System
 from tests.scenes import Body, load
 from tests.unit.kernel.test_kernel import (
     SAME,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.description.motion import harmonic
+from pinflex.description.motions.motion import harmonic
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.levels.outputs import Outputs
 from pinflex.levels.quasistatic import solve_quasistatic

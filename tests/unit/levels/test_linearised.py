@@ -7,11 +7,11 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
-from pinflex.integrators.schemes import generalized_alpha
+from pinflex.integrators.collocation import generalized_alpha
+from pinflex.levels.excited import varying
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.linear_march import LinearMarch
 from pinflex.levels.linearised import InterpolatedPath, LinearPath, Matrices, VaryingEntries, along
-from pinflex.levels.varying import varying
 from pinflex.solver.solve import default_motion
 
 # A cycloid that ends in the middle of the run; acceleration that jumps at the corners of a

@@ -12,9 +12,9 @@ import pytest
 import pinflex as pf
 from pinflex.lab.scene import urdf
 from pinflex.mechanics import assembly
-from pinflex.mechanics.closure_log import LogClosure
-from pinflex.mechanics.equations import Equations
-from pinflex.studies.check import check
+from pinflex.mechanics.closure import LogClosure
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.studies.checking.check import check
 from tests.scenes import Body, load
 
 ROD = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}

@@ -11,8 +11,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.system import System
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.system import System
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.finite import by_configuration, by_speed, by_time, by_vector, close, random_state
 

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import slope
 from tests.scenes import Body, load
 

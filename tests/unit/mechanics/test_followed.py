@@ -9,7 +9,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.levels.excited import default_motion
-from pinflex.mechanics.followed import share
+from pinflex.mechanics.evaluation.equations import share
 
 
 @pytest.mark.parametrize("model", ["3rrr", "race_r1"])

@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import UNIT_BEAM, Body, load
 
 BEAM = (Body("beam", "base"), Body("tip", "beam", xyz=(1, 0, 0)))

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 
 UR5 = "urdf: example-robot-data:ur5\n"
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.relevance import base_axes, shares
+from pinflex.mechanics.model.relevance import base_axes, shares
 from tests.scenes import Body, load
 
 E, IY, IZ, J = 7.0e10, 2.5e-9, 8.0e-10, 2.0e-9

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.parts import FlexiblePart
-from pinflex.mechanics.relevance import NEGLIGIBLE, shares
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
-from pinflex.studies.stiffness import platform_compliance
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.relevance import NEGLIGIBLE, shares
+from pinflex.studies.checking.check import check, write
+from pinflex.studies.pose import platform_compliance
 from tests.scenes import Body, load
 
 ON = "bending_y: true\n    bending_z: true\n    torsion: true\n    axial: true"
@@ -188,7 +187,7 @@ def test_explicit_directions_are_never_changed_and_rigid_scenes_are_not_looked_a
     def none(*_: object) -> None:
         raise AssertionError("looked at")
 
-    monkeypatch.setattr("pinflex.mechanics.relevance.shares", none)
+    monkeypatch.setattr("pinflex.mechanics.model.relevance.shares", none)
     pf.load("ur5", ["flexible=null"])
     for name in ("race_r2", "spinning_beam"):
         assert not any(part.left_out for part in pf.load(name).parts.values())

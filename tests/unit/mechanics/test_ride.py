@@ -11,16 +11,14 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.bodies.basis import flexible_body
+from pinflex.description.blocks.flexible import Basis, EndMass, FlexibleLink
+from pinflex.description.blocks.material import named
 from pinflex.description.description import read
-from pinflex.description.flexible import Basis, FlexibleLink
-from pinflex.description.link_mass import EndMass
-from pinflex.description.material import named
 from pinflex.description.section import from_spec
-from pinflex.mechanics import ride
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model import ride
 from pinflex.recovery.validity import first_frequency
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
+from pinflex.studies.checking.check import check, write
 from tests.finite import slope
 from tests.scenes import Body, load
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import by_configuration, by_time, close, random_state, slope
 from tests.scenes import Body, load
 

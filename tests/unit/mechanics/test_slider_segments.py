@@ -10,7 +10,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.bodies.track import track
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.reference import closures
 from tests.scenes import load
 from tests.unit.mechanics.test_slider import EI, FIXED, ROD, SPACE, TELESCOPE, TUBE

@@ -9,8 +9,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.mechanics.equations import Equations
-from pinflex.mechanics.system import System
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.system import System
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.finite import random_state
 

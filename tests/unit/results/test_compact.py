@@ -11,7 +11,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.results import archive
-from pinflex.results.compact import STEPS, decode, encode
+from pinflex.results.archive import STEPS, decode, encode
 from pinflex.viewer.scene import build_scene
 
 

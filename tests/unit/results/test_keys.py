@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.results.keys import KEYS, key_of
+from pinflex.results.quantities import KEYS, key_of
 from pinflex.results.result import Result
 
 ROOT = Path(pf.__file__).parents[1]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pinflex.results.residual import residual
+from pinflex.results.verdict import residual
 
 RATE, OMEGA, HEIGHT, STOP = 8.0, 2 * np.pi * 40.0, 200e-6, 0.3  # [1/s], [rad/s], [m], [s]
 PLACE = np.array([30e-6, 0.0, -80e-6])  # [m] off rigid at rest

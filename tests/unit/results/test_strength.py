@@ -7,7 +7,7 @@ import pytest
 
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
-from pinflex.results.strength import equivalent, principal, torsion_shear
+from pinflex.results.views import equivalent, principal, torsion_shear
 
 FLAT = Section.rectangle(width=0.005, thickness=0.0015)
 TALL = Section.rectangle(width=0.0015, thickness=0.005)

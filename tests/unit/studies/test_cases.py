@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pinflex.description.overrides import assignments
+from pinflex.description.reading.parameters import assignments
 from pinflex.errors import DescriptionError
-from pinflex.studies.cases import combined, listed, parsed, values
+from pinflex.studies.sweep import combined, listed, parsed, values
 
 
 @pytest.mark.parametrize(

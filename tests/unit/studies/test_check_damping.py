@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.description.motion import from_spec
+from pinflex.description.motions.motion import from_spec
 from pinflex.levels.excited import ringing
-from pinflex.studies.check import check
-from pinflex.studies.check_text import write
+from pinflex.studies.checking.check import check, write
 from tests.scenes import UNIT_BEAM, Body, load
 
 

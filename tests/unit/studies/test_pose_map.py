@@ -13,11 +13,9 @@ from pinflex import __main__
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.results.pose_map import PoseMap
 from pinflex.solver.solve import default_motion
-from pinflex.studies.pose import moved, pose
+from pinflex.studies.pose import moved, platform_compliance, pose, tracked
 from pinflex.studies.pose_map import pose_map
-from pinflex.studies.stiffness import platform_compliance
-from pinflex.studies.tracking import tracked
-from pinflex.viewer.plot_map import plot_map, save_map
+from pinflex.viewer.plots.maps import plot_map, save_map
 from tests.scenes import Body, load, published
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing

@@ -11,10 +11,10 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SingularityError
-from pinflex.mechanics.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.results.pose_map import stiffness_of
 from pinflex.rotations import rotation_vector
-from pinflex.studies.stiffness import platform_compliance
+from pinflex.studies.pose import platform_compliance
 from tests.scenes import Body, load, published
 
 # L = 2, E = 3, G = 1, A = 5, Iy = 7, Iz = 11, J = 13: every entry is another number

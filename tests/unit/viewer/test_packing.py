@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pinflex.viewer.packing import STEPS, Coarse, pack
+from pinflex.viewer.view import STEPS, Coarse, pack
 
 
 def unpacked(text: str) -> Any:

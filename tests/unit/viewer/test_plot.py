@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from pinflex.errors import DescriptionError
-from pinflex.results.peaks import amplitudes, highest, maxima
 from pinflex.results.result import Result, peak
-from pinflex.viewer import figures, plot
-from pinflex.viewer.images import write_png
+from pinflex.viewer import plot
+from pinflex.viewer.plot import amplitudes, highest, maxima
+from pinflex.viewer.plots import figures
+from pinflex.viewer.plots.figures import write_png
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")

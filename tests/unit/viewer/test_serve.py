@@ -19,9 +19,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.viewer.live import Live
-from pinflex.viewer.serve import Server
-from pinflex.viewer.skin import triangles
+from pinflex.viewer.links import triangles
+from pinflex.viewer.live import Live, Server
 from tests.synthetic import synthetic_result
 
 

@@ -11,8 +11,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
 from pinflex.results.result import Result
 from pinflex.viewer.collada import read_collada
-from pinflex.viewer.simplify import simplify
-from pinflex.viewer.surfaces import TRIANGLES, packed, surfaces
+from pinflex.viewer.surfaces import TRIANGLES, packed, simplify, surfaces
 
 DAE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

@@ -1,0 +1,1 @@
+"""The blocks of a scene file, a frozen record each."""

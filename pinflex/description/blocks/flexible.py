@@ -1,0 +1,480 @@
+"""The block `flexible` of a description: which links bend, of what they are, in which basis."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any, Literal
+
+from pinflex.description import section
+from pinflex.description.blocks import material, solid_keys
+from pinflex.description.blocks.frames import frame
+from pinflex.description.blocks.material import Material
+from pinflex.description.files import Source
+from pinflex.description.reading import schema, yaml_text
+from pinflex.description.reading.schema import Vec3
+from pinflex.description.section import Section
+from pinflex.errors import DescriptionError, nearest
+from pinflex.text import brief
+
+# Keys of the block `flexible`: link names, lists of them, or globs, and the links they mean.
+
+
+def expand(value: object, where: str, urdf: Source) -> dict[str, Any]:
+    """One block per link, from keys that are link names, lists of them, or globs."""
+    blocks = schema.mapping(value, where)
+    links = groups(blocks, where, urdf)
+    return {name: copy.deepcopy(blocks[key]) for key, names in links.items() for name in names}
+
+
+def groups(blocks: Mapping[str, Any], where: str, urdf: Source) -> dict[str, list[str]]:
+    """The links of every key of the block `flexible`."""
+    found: dict[str, list[str]] = {}
+    written: dict[str, str] = {}
+    for key in blocks:
+        found[key] = _links(key, schema.at(where, key), urdf)
+        for name in found[key]:
+            if name in written:
+                raise DescriptionError(
+                    f'{schema.at(where, key)}: the link "{name}" is already described under '
+                    f'"{written[name]}". Describe each link once.'
+                )
+            written[name] = key
+    return found
+
+
+def gathered(blocks: Mapping[str, Any], links: Mapping[str, list[str]]) -> dict[str, Any]:
+    """One block for the links of a key again, where theirs are still alike."""
+    found, left = dict[str, Any](), dict(blocks)
+    for key, names in links.items():
+        alike: list[tuple[Any, list[str]]] = []
+        for name in (name for name in names if name in left):
+            block = left.pop(name)
+            some = next((some for other, some in alike if other == block), None)
+            if some is None:
+                alike.append((block, [name]))
+            else:
+                some.append(name)
+        found |= {
+            key if len(some) == len(names) else ", ".join(some): block for block, some in alike
+        }
+    return found | left
+
+
+def _links(key: str, where: str, urdf: Source) -> list[str]:
+    links: list[str] = []
+    for part in (p.strip() for p in key.split(",")):
+        matches = [part] if part in urdf.links else []
+        if not matches and yaml_text.WILD.search(part):
+            matches = [link for link in urdf.links if fnmatchcase(link, part)]
+        if not matches:
+            raise DescriptionError(
+                f"{where}: no such link in {urdf.file}.{nearest(part, urdf.links)}", link=part
+            )
+        links += matches
+    return links
+
+
+# Mass of a flexible link beside its own beam: rigid masses at its ends, the beam as built.
+
+
+@dataclass(frozen=True)
+class EndMass:
+    """A rigid mass at an end of a flexible link: mass [kg], moments of inertia [kg m^2]."""
+
+    mass: float = 0.0
+    inertia: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class AsBuilt:
+    """The beam of the link whose inertia the URDF has; None or 0: as described.
+
+    Attributes:
+        material: Its density counts. section: Its area and moments.
+        length: Its span [m].
+    """
+
+    material: Material | None = None
+    section: Section | None = None
+    length: float | None = None
+
+
+def read_end_mass(spec: object, where: str) -> EndMass:
+    """A mass from {mass, inertia}."""
+    block = schema.mapping(spec, where, ("mass", "inertia"))
+    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
+    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
+    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)
+
+
+def read_as_built(spec: object, where: str) -> AsBuilt:
+    """The beam of the URDF's link from {material, section, length}."""
+    block = schema.mapping(spec, where, ("material", "section", "length"))
+    place = {key: schema.at(where, key) for key in block}
+    return AsBuilt(
+        material.from_spec(block["material"], place["material"]) if "material" in block else None,
+        section.from_spec(block["section"], place["section"]) if "section" in block else None,
+        schema.number(block["length"], place["length"], above=0, of="length")
+        if "length" in block
+        else None,
+    )
+
+
+# Piezoelectric patches on a flexible link: a voltage that bends it. The block `patches`.
+#
+# A patch from x1 to x2 does the virtual work  dW = k V (f'(x2) - f'(x1)) : two opposite moments k
+# V.
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A patch that bends its link along beam y.
+
+    Attributes:
+        name: Name of the actuator.
+        start, end: Where it begins and ends along the beam [m].
+        constant: k, bending moment per volt [N m/V].
+    """
+
+    name: str
+    start: float
+    end: float
+    constant: float
+
+    def require_on_beam(self, where: str, length: float) -> None:
+        """Raise where the patch does not lie on a beam of a length [m]."""
+        if 0.0 <= self.start < self.end <= length * (1.0 + 1e-9):
+            return
+        raise DescriptionError(
+            f"{where}.patches.{self.name}: it lies from {self.start:g} to {self.end:g} m, the beam "
+            f"from 0 to {length:g} m. Give 0 <= from < to <= {length:g}."
+        )
+
+
+def piezo_constant(
+    d31: float, E_patch: float, width: float, thickness: float, E: float, b: float, h: float
+) -> float:
+    """Bending moment per volt of a patch on one face, k = -d31 E Ep h^2 b bp / (E h b + Ep hp bp).
+
+    Source: Sharifnia, Akbarzadeh (2016), eq. 32.
+    """
+    stretch = E * h * b + E_patch * thickness * width
+    return -d31 * E * E_patch * h**2 * b * width / stretch
+
+
+_SIZES = ("d31", "E", "width", "thickness")
+PATCH_KEYS = ("from", "to", "constant", *_SIZES)
+
+
+def read_patches(value: object, where: str, E: float, section: Section) -> tuple[Patch, ...]:
+    """The block `patches` of a link, in file order."""
+    found = []
+    for name, item in schema.mapping(value, where).items():
+        here = schema.at(where, name)
+        block = schema.mapping(item, here, PATCH_KEYS, ("from", "to"))
+        start, end = (
+            schema.number(block[k], schema.at(here, k), of="place") for k in ("from", "to")
+        )
+        if "constant" in block:
+            for key in block.keys() & set(_SIZES):
+                raise DescriptionError(
+                    f"{schema.at(here, key)}: redundant with `constant`. Give one."
+                )
+            constant = schema.number(block["constant"], schema.at(here, "constant"), of="moment")
+        else:
+            schema.mapping(item, here, None, _SIZES)
+            d31 = schema.number(block["d31"], schema.at(here, "d31"), low=-1, high=1)
+            E_patch, width, thickness = (
+                schema.number(
+                    block[k], schema.at(here, k), above=0, of="elasticity" if k == "E" else "length"
+                )
+                for k in _SIZES[1:]
+            )
+            y, z = zip(*section.outline, strict=True)
+            h, b = max(y) - min(y), max(z) - min(z)
+            constant = piezo_constant(d31, E_patch, width, thickness, E, b, h)
+        found.append(Patch(name, start, end, constant))
+    return tuple(found)
+
+
+Switch = bool | Literal["auto"]
+# Keys of each kind of basis.
+BASES: dict[str, tuple[str, ...]] = {
+    "craig_bampton": ("internal",),
+    "finite_element": ("elements", "order", "boundary"),
+    "assumed": ("boundary", "modes", "stretch"),
+    "ritz8": (),
+    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
+    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
+}
+BEAM_BASES = tuple(kind for kind in BASES if kind not in solid_keys.KINDS)
+INERTIAS = ("urdf", "beam")
+ORDERS = ("cubic", "quintic")
+STRETCHES = ("sines", "polynomials")
+BOUNDARIES = (
+    "clamped_free",
+    "pinned_free",
+    "pinned_pinned",
+    "clamped_pinned",
+    "clamped_clamped",
+    "free_free",
+)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The shapes in which a link deforms.
+
+    Attributes:
+        kind: craig_bampton, finite_element, assumed, ritz8, mesh or matrices.
+        internal: craig_bampton: internal modes per direction beside the static end shapes.
+        elements: finite_element: number of beam elements.
+        order: finite_element: cubic (12 coordinates) or quintic (18).
+        boundary: assumed: end conditions of the analytic modes, root first; finite_element:
+            clamped_free, or free_free, of which a `slider` or a loop holds the root.
+        modes: assumed: number of modes per bending direction; mesh, matrices: number of modes with
+            all interfaces held.
+        stretch: assumed: what stretch and twist are made of, sines of a bar held at its root or
+            polynomials of degree 1 to `modes`.
+        file: mesh: a mesh in a format of meshio; matrices: a .npz. Relative to the YAML.
+        scale: mesh: metres per unit of the file.
+        rod: mesh: instead of a file, (diameter, length) [m] of the segments of a round rod along
+            the span; a length of 0 is the span.
+        size: mesh: length of the cells of a rod [m]; None: its smallest diameter.
+        interfaces: mesh, matrices: name and region of each rigid interface, the one that is fixed
+            to the link's frame first. A region is a group of faces (matrices: an array of node
+            numbers), or a box x0 y0 z0 x1 y1 z1 [m].
+        mass: matrices: Matrix Market file of M, instead of a .npz.
+        stiffness: matrices: that of K.
+        nodes: matrices: text or .csv file of their places, x y z [m] a line.
+    """
+
+    __repr__ = brief
+
+    kind: str = "craig_bampton"
+    internal: int = schema.whole(2, 0, 200)
+    elements: int = schema.whole(4, 1, 10_000)
+    order: str = schema.word("cubic", ORDERS)
+    boundary: str = schema.word("clamped_free", BOUNDARIES)
+    modes: int = schema.whole(3, 1, 200)
+    stretch: str = schema.word("sines", STRETCHES)
+    file: str | None = None
+    scale: float = 1.0
+    rod: tuple[tuple[float, float], ...] = ()
+    size: float | None = None
+    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = ()
+    mass: str | None = None
+    stiffness: str | None = None
+    nodes: str | None = None
+
+
+def _switch(value: object, where: str) -> Switch:
+    """auto, or true or false."""
+    if value == "auto":
+        return "auto"
+    if not isinstance(value, bool):
+        schema.choice(value, where, ("auto", "true", "false"))
+    return schema.boolean(value, where)
+
+
+@dataclass(frozen=True)
+class FlexibleLink:
+    """A link of the URDF that deforms as a beam.
+
+    Attributes:
+        link: URDF link.
+        material: Elastic constants and density.
+        section: Cross-section.
+        basis: Shapes.
+        inertia: "urdf": mass, centre and inertia of the URDF link stay, shared between the beam
+            and riders on it; "beam": the beam's own take their place.
+        as_built: The beam that the URDF's link has, where this one is another design: what the link
+            carries beside that beam stays, and a lighter section makes a lighter link.
+        start: Frame where the span begins; None: the link's own joint.
+        end: Frame where it ends; None: the joint of the child link.
+        length: Span [m], if not the distance of start and end.
+        up: Direction of the beam's z axis in the link frame; None: the axis of the link's joint.
+        bending_y: Deflects along beam y; "auto": where the mechanism moves or loads it.
+        bending_z: Deflects along beam z.
+        torsion: Twists.
+        axial: Stretches.
+        rotary_inertia: Sections have rotary inertia in bending; "auto": where the link is short.
+        second_order: Foreshortening and bending-torsion coupling to second order.
+        third_order: Curvature to third order: the stiffness of bends that are not small.
+        shear: Timoshenko shear flexibility; "auto": where the link is short.
+        free_shear: With both, shear strains have coordinates of their own, beside those that
+            balance the curvatures; `auto` does without, which costs no coordinates.
+        segments: Number of flexible bodies the link is cut into.
+        temperature: Above that at which it is free of stress [K]; it stretches then.
+        root: Rigid mass at the start.
+        tip: Rigid mass at the end.
+        rayleigh: Damping alpha M + beta K: (alpha [1/s], beta [s]).
+        modal_damping: Damping ratio of every mode [-].
+        patches: Piezoelectric patches that bend it along beam y.
+    """
+
+    __repr__ = brief
+
+    link: str
+    material: Material
+    section: Section
+    basis: Basis = Basis()
+    inertia: Literal["urdf", "beam"] = schema.word("urdf", INERTIAS)
+    as_built: AsBuilt | None = schema.key(None, read_as_built)
+    start: str | None = None
+    end: str | None = None
+    length: float | None = schema.real(None, "length", above=0)
+    up: Vec3 | None = schema.key(None, schema.direction)
+    bending_y: Switch = schema.key("auto", _switch)
+    bending_z: Switch = schema.key("auto", _switch)
+    torsion: Switch = schema.key("auto", _switch)
+    axial: Switch = schema.key("auto", _switch)
+    rotary_inertia: Switch = schema.key("auto", _switch)
+    second_order: bool = schema.flag(True)
+    third_order: bool = schema.flag(False)
+    shear: Switch = schema.key("auto", _switch)
+    free_shear: bool = True
+    segments: int = schema.whole(1, 1)
+    temperature: float = schema.real(0.0, low=-5e3, high=5e3)
+    root: EndMass | None = schema.key(None, read_end_mass)
+    tip: EndMass | None = schema.key(None, read_end_mass)
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    modal_damping: float = 0.0
+    patches: tuple[Patch, ...] = ()
+
+
+SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
+KEYS = (
+    *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
+    *SWITCHES,
+    *("rotary_inertia", "second_order", "shear", "segments", "temperature", "root", "tip"),
+    *("damping", "patches", "third_order", "polyline", "arc"),  # the last two: `description.blocks.curved`
+)  # fmt: skip
+
+
+def read(
+    block: Mapping[str, Any], place: Mapping[str, str], urdf: Source
+) -> tuple[tuple[float, float], tuple[FlexibleLink, ...]]:
+    """Damping of the whole system, and the flexible links, of a description."""
+    system, damping = (0.0, 0.0), ((0.0, 0.0), 0.0)
+    if "damping" in block:
+        spec, scope = damping_scope(block["damping"], place["damping"])
+        damping = damping_from_spec(spec, place["damping"])
+        if scope == "system":
+            system, damping = damping[0], ((0.0, 0.0), 0.0)
+    links = expand(block.get("flexible", {}), place["flexible"], urdf)
+    return system, tuple(
+        from_spec(spec, link, schema.at(place["flexible"], link), urdf, damping)
+        for link, spec in links.items()
+    )
+
+
+def from_spec(
+    spec: object, link: str, where: str, urdf: Source, damping: tuple[tuple[float, float], float]
+) -> FlexibleLink:
+    """A flexible link from its YAML block."""
+    block = schema.mapping(spec, where, KEYS)
+    solid = solid_keys.is_solid(block.get("basis"))
+    schema.mapping(spec, where, KEYS, ("material",) if solid else ("material", "section"))
+    place = {key: schema.at(where, key) for key in KEYS}
+    values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
+    if "basis" in block:
+        values["basis"] = basis_from_spec(block["basis"], place["basis"])
+    for key in block.keys() & {"start", "end"}:
+        values[key] = frame(block[key], place[key], urdf)
+    values |= schema.read(FlexibleLink, block, place)
+    if all(values.get(key) is False for key in SWITCHES):
+        raise DescriptionError(
+            f"{where}: {', '.join(SWITCHES)} are all false, so nothing deforms. Leave one of them "
+            "on, or remove the link from `flexible`."
+        )
+    if "damping" in block:
+        rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
+        values |= {"rayleigh": rayleigh, "modal_damping": modal}
+    if solid:
+        solid_keys.refuse_beam_keys(block, place)
+    elif "basis" in values and values["basis"].kind == "ritz8":
+        values.setdefault("axial", True)
+    made = material.from_spec(block["material"], place["material"])
+    # A solid has no section of its own; one of its volume takes the place when it is read.
+    shape = block.get("section", {"shape": "circle", "diameter": 1.0})
+    cut = section.from_spec(shape, place["section"])
+    if "patches" in block:
+        values["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+    if "temperature" in block:
+        _require_stretch(solid, values.get("axial"), made, place)
+        values["axial"] = True
+    return FlexibleLink(link, made, cut, **values)
+
+
+def _require_stretch(
+    solid: bool, axial: Switch | None, made: Material, place: Mapping[str, str]
+) -> None:
+    """A link with a temperature is a beam of known expansion that may stretch."""
+    where = place["temperature"]
+    if solid:
+        raise DescriptionError(f"{where}: only beams take one. Remove it, or make it a beam.")
+    if axial is False:
+        raise DescriptionError(
+            f"{where}: a warm link stretches, and axial: false forbids it. Remove one of them."
+        )
+    if made.thermal_expansion is None:
+        raise DescriptionError(
+            f"{where}: the expansion of {made.name} is not known. Give "
+            f"{place['material']}.thermal_expansion [1/K]."
+        )
+
+
+def basis_from_spec(spec: object, where: str) -> Basis:
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
+    every = tuple(key for keys in BASES.values() for key in keys)
+    block = schema.mapping(spec, where, ("kind", *every))
+    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
+    place = {key: schema.at(where, key) for key in block}
+    for key in block:
+        if key != "kind" and key not in BASES[kind]:
+            owner = next(name for name, keys in BASES.items() if key in keys)
+            raise DescriptionError(
+                f"{place[key]}: has no meaning for the kind {kind}, which takes "
+                f"{', '.join(BASES[kind])}. Remove it, or write kind: {owner}."
+            )
+    if kind in solid_keys.KINDS:
+        values = {key: solid_keys.read(key, block[key], place[key]) for key in BASES[kind]
+                  if key in block}  # fmt: skip
+        solid_keys.check(kind, block, where)
+        return Basis(kind, **{"modes": 6} | values)
+    if kind == "finite_element" and "boundary" in block:
+        schema.choice(block["boundary"], place["boundary"], ("clamped_free", "free_free"))
+    return Basis(kind, **schema.read(Basis, block, place))
+
+
+def damping_scope(spec: object, where: str) -> tuple[object, str]:
+    """The block without `scope`, and the scope: links (default), or system (Rayleigh only)."""
+    if not isinstance(spec, dict) or "scope" not in spec:
+        return spec, "links"
+    rest = {key: value for key, value in spec.items() if key != "scope"}
+    place = schema.at(where, "scope")
+    scope = schema.choice(spec["scope"], place, ("links", "system"))
+    if scope == "system" and "rayleigh" not in rest:
+        raise DescriptionError(
+            f"{place}: system takes Rayleigh damping only. Write {{rayleigh: [alpha, beta], "
+            "scope: system}}."
+        )
+    return rest, scope
+
+
+def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
+    """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
+    block = schema.mapping(spec, where, ("rayleigh", "modal"))
+    if len(block) != 1:
+        raise DescriptionError(
+            f"{where}: {schema.shown(spec)} is not one kind of damping. Write "
+            "{rayleigh: [alpha, beta]} or {modal: zeta}."
+        )
+    if "modal" in block:
+        return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
+    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, 0, "rate")
+    return (alpha, beta), 0.0

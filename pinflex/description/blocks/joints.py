@@ -1,0 +1,311 @@
+"""The block `joints` of a description: what a URDF cannot say about a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pinflex.description.blocks import drives
+from pinflex.description.blocks.drives import Drive, Friction
+from pinflex.description.files import Source
+from pinflex.description.reading import schema
+from pinflex.description.reading.schema import Vec3
+from pinflex.errors import DescriptionError
+from pinflex.text import brief
+
+TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
+KEYS = (
+    *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
+    *("drive", "friction", "follows", "ratio", "offset"),
+)
+_SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction")  # for joints of one freedom
+
+
+@dataclass(frozen=True)
+class JointExtra:
+    """What a URDF cannot say about a joint.
+
+    Attributes:
+        name: URDF joint.
+        type: fixed, spherical or universal, in place of the URDF's type; None keeps that.
+        axes: The two unit axes of a universal joint in the joint frame; None: x, then y.
+        rotor_inertia: Inertia of the motor, seen at the joint [kg m^2 | kg].
+        spring: Stiffness [N m/rad | N/m].
+        parallel_spring: Whether it acts from link to link, beside a motor if there is one.
+        rest: Position where the spring is slack [rad | m].
+        damper: Viscous damping [N m s/rad | N s/m].
+        drive: Motor and gear. friction: Of the joint, or in its drive.
+        follows: Joint that it follows; "": none, whatever the URDF says; None: as in the URDF.
+        ratio, offset: Its position is ratio times that joint's + offset [rad | m].
+    """
+
+    __repr__ = brief
+
+    name: str
+    type: str | None = None
+    axes: tuple[Vec3, Vec3] | None = None
+    rotor_inertia: float = schema.real(0.0, "inertia", low=0)
+    spring: float = schema.real(0.0, "stiffness", low=0)
+    rest: float = schema.real(0.0, "position")
+    damper: float = schema.real(0.0, "damping", low=0)
+    parallel_spring: bool = False
+    drive: Drive | None = None
+    friction: Friction | None = None
+    follows: str | None = None
+    ratio: float = schema.real(1.0, "ratio")
+    offset: float = schema.real(0.0, "position")
+
+    @property
+    def armature(self) -> float:
+        """Inertia of rotor and gear, seen at the joint [kg m^2 | kg]."""
+        return self.rotor_inertia + (0.0 if self.drive is None else self.drive.rotor_inertia)
+
+    @property
+    def viscous(self) -> float:
+        """Damper and viscous friction [N m s/rad | N s/m]."""
+        return self.damper + (0.0 if self.friction is None else self.friction.viscous)
+
+
+def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra]:
+    """The block `joints`, by joint name."""
+    return {
+        name: _joint(name, item, schema.at(where, name), urdf)
+        for name, item in schema.mapping(value, where).items()
+    }
+
+
+def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
+    schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
+    block = schema.mapping(value, where, KEYS)
+    place = {key: schema.at(where, key) for key in KEYS}
+    kind = _type(block, name, place["type"], urdf)
+    _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    if isinstance(block.get("rest"), str):
+        of = schema.quantity(urdf.joints[name].type)
+        block["rest"] = schema.number(block["rest"], place["rest"], of=of)
+    values = schema.read(JointExtra, block, place)
+    if "follows" in block:
+        values["follows"] = _followed(block["follows"], place["follows"], urdf)
+    elif "ratio" in block or "offset" in block:
+        key = "ratio" if "ratio" in block else "offset"
+        raise DescriptionError(f"{place[key]}: there is no joint to follow. Add `follows`.")
+    if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
+        beside, at = block["parallel_spring"], place["parallel_spring"]
+        stiffness = schema.number(beside, at, low=0, of="stiffness")
+        if "spring" in block:
+            raise DescriptionError(f"{at}: beside `spring`. Remove one of them.")
+        values |= {"spring": stiffness, "parallel_spring": True}
+    if "rest" in block and "spring" not in values:
+        raise DescriptionError(f"{place['rest']}: there is no spring. Add `spring`.")
+    values |= _driven(block, place, urdf.joints[name].reduction)
+    if "axes" in block:
+        values["axes"] = _axes(block["axes"], place["axes"], kind)
+    return JointExtra(name, kind, **values)
+
+
+def _followed(value: object, where: str, urdf: Source) -> str:
+    """Joint that is followed; "" for `false`, which lets a joint with a mimic tag go."""
+    if value is False:
+        return ""
+    return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
+
+
+def _driven(
+    block: Mapping[str, Any], place: Mapping[str, str], reduction: float | None
+) -> dict[str, Any]:
+    """Drive and friction; what would say the same twice is refused."""
+    values: dict[str, Any] = {}
+    if "friction" in block:
+        values["friction"] = drives.read_friction(block["friction"], place["friction"])
+    if "drive" not in block:
+        return values
+    drive, rubs = drives.read_drive(block["drive"], place["drive"], reduction)
+    values["drive"] = drive
+    if rubs is not None:
+        if "friction" in block:
+            raise DescriptionError(f"{place['friction']}: beside drive.friction. Remove one.")
+        values["friction"] = rubs
+    if drive.motor_inertia and "rotor_inertia" in block:
+        raise DescriptionError(
+            f"{place['rotor_inertia']}: beside drive.motor_inertia, which is "
+            f"{drive.rotor_inertia:g} at the joint. Remove one."
+        )
+    if drive.stiffness is not None and "parallel_spring" in block:
+        raise DescriptionError(
+            f"{place['parallel_spring']}: it acts from link to link, and with drive.stiffness the "
+            "joint's coordinate is the motor's side of the gear. Write the spring between two "
+            "frames under `springs`."
+        )
+    return values
+
+
+def with_urdf_dynamics(
+    joints: dict[str, JointExtra],
+    block: Mapping[str, Mapping[str, Any]],
+    urdf: Source,
+    single: tuple[str, ...],
+) -> dict[str, JointExtra]:
+    """The joints with damping and friction of the URDF, where the YAML says nothing of them."""
+    found = dict(joints)
+    for name in single:
+        written = urdf.joints[name]
+        extra = joints.get(name, JointExtra(name))
+        viscous = extra.friction is not None and extra.friction.viscous
+        if written.damping and not viscous and "damper" not in block.get(name, {}):
+            extra = replace(extra, damper=written.damping)
+        if written.friction and extra.friction is None:
+            extra = replace(extra, friction=drives.urdf_friction(written.friction))
+        if extra != joints.get(name, JointExtra(name)):
+            found[name] = extra
+    return found
+
+
+def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | None:
+    """The type that takes the place of the URDF's."""
+    if "type" not in block:
+        return None
+    written = urdf.joints[name].type
+    kind = schema.choice(block["type"], place, TYPES)
+    if written == kind:
+        raise DescriptionError(f"{place}: {urdf.file} says {written} already. Remove the key.")
+    return kind
+
+
+def _require_one_freedom(
+    block: dict[str, Any], kind: str | None, written: str, place: dict[str, str], file: str
+) -> None:
+    """Springs need a joint of one freedom, and every number a joint that moves."""
+    for key in (key for key in block if key not in ("type", "axes")):
+        if kind == "fixed":
+            raise DescriptionError(
+                f"{place[key]}: the joint is fixed by its `type`, so it would do nothing. "
+                "Remove one of them."
+            )
+        if written == "fixed" and kind is None:
+            raise DescriptionError(
+                f"{place[key]}: the joint is fixed in {file}, so it would do "
+                "nothing. Remove it, or give the joint a type."
+            )
+        if key in _SINGLE and (kind or written in ("floating", "planar")):
+            what = {"drive": "Drives", "friction": "Friction"}.get(key, "Springs")
+            one = what.lower().rstrip("s")
+            raise DescriptionError(
+                f"{place[key]}: a {kind or written} joint has no one {one}. {what} "
+                f"{'acts' if what == 'Friction' else 'act'} on joints of one degree of freedom. "
+                "Split the joint in the URDF."
+            )
+
+
+def _axes(value: object, where: str, kind: str | None) -> tuple[Vec3, Vec3]:
+    if kind != "universal":
+        raise DescriptionError(f"{where}: only a universal joint has two. Add type: universal.")
+    pair = schema.items(value, where, 2)
+    a, b = (schema.direction(axis, f"{where}[{i}]") for i, axis in enumerate(pair))
+    if abs(sum(x * y for x, y in zip(a, b, strict=True))) > 1 - 1e-9:
+        raise DescriptionError(f"{where}: {schema.shown(value)} are parallel. Turn one of them.")
+    return a, b
+
+
+# Linear couplings of joints: `mimic` of a URDF, `follows` in the block `joints`.
+
+SINGLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Two joints that move as one: position = ratio times the leader's + offset.
+
+    Attributes:
+        joint: The one that follows. leader: The one it follows; None: one that stands still.
+        ratio: [rad | m, over rad | m of the leader]. offset: [rad | m].
+    """
+
+    __repr__ = brief
+
+    joint: str
+    leader: str | None
+    ratio: float
+    offset: float
+
+
+def couplings(
+    urdf: Source, joints: Mapping[str, JointExtra], types: Mapping[str, str], where: str
+) -> tuple[Coupling, ...]:
+    """Couplings in the order of the joints; the YAML's `follows` goes before a URDF's `mimic`."""
+    found: dict[str, Coupling] = {}
+    for joint in urdf.joints.values():
+        extra = joints.get(joint.name)
+        place = f"{schema.at(where, joint.name)}.follows"
+        if extra is not None and extra.follows is not None:
+            leader, ratio, offset = extra.follows, extra.ratio, extra.offset
+        elif joint.mimic is not None and types[joint.name] in SINGLE:
+            leader, ratio, offset = joint.mimic
+            if leader not in urdf.joints:  # `check` says so; the joint moves by itself
+                continue
+        else:
+            continue
+        if not leader:  # follows: false
+            continue
+        found[joint.name] = _coupling(joint.name, (leader, ratio, offset), types, place)
+    _refuse_rings(found, where)
+    return tuple(found.values())
+
+
+def _coupling(
+    name: str, law: tuple[str, float, float], types: Mapping[str, str], place: str
+) -> Coupling:
+    """One coupling between joints of one freedom."""
+    leader, ratio, offset = law
+    kinds = {name: types[name], leader: types[leader]}
+    if kinds[leader] == "fixed":
+        return Coupling(name, None, 0.0, offset)
+    for one, kind in kinds.items():
+        if kind not in SINGLE:
+            raise DescriptionError(
+                f"{place}: {one} is {kind}. Couplings are between joints of one degree of freedom. "
+                "Name another joint, or write `follows: false`."
+            )
+    return Coupling(name, leader, ratio, offset)
+
+
+def _refuse_rings(found: Mapping[str, Coupling], where: str) -> None:
+    for name in found:
+        path, leader = [name], found[name].leader
+        while leader is not None and leader in found and leader not in path:
+            path.append(leader)
+            leader = found[leader].leader
+        if leader in path:
+            raise DescriptionError(
+                f"{schema.at(where, name)}.follows: {' follows '.join([*path, leader])}, round and "
+                "round. Write `follows: false` for one of them."
+            )
+
+
+def read_actuated(
+    value: object,
+    where: str,
+    types: Mapping[str, str],
+    closed: bool,
+    coupled: Sequence[Coupling],
+) -> tuple[str, ...]:
+    """Names of the joints with a motor: those given, or in an open chain all of one freedom."""
+    followed = {one.joint: one.leader for one in coupled}
+    single = tuple(name for name, kind in types.items() if kind in SINGLE)
+    if value is not None:
+        names = schema.names(value, where, single, "joint of one degree of freedom")
+        for name in names:
+            if name in followed:
+                leader = followed[name] or "a fixed joint"
+                raise DescriptionError(
+                    f"{where}: {name} follows {leader}, so that it has no motor of its own. Take "
+                    f"it out, or write joints.{name}.follows: false."
+                )
+        return names
+    single = tuple(name for name in single if name not in followed)
+    if closed:
+        raise DescriptionError(
+            f"{where}: missing. With loops not every joint has a motor. List those that do, or [] "
+            f"for none. Joints: {', '.join(single[:12])}{', ...' if len(single) > 12 else ''}."
+        )
+    return single

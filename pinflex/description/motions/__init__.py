@@ -1,0 +1,1 @@
+"""Laws of motion, what shapes them, and sampled trajectories."""

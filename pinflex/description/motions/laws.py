@@ -1,0 +1,237 @@
+"""The laws of time behind the motions: position, velocity and acceleration of t >= 0.
+
+Module functions, bound by `functools.partial`, so that a Motion can be pickled.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.reading.schema import finite
+from pinflex.errors import DescriptionError, nearest
+
+SNAP = 1e-12  # [-] of the duration: a grid time that rounds to a switching instant is past it
+
+Kinematics = tuple[Array, Array, Array]
+
+
+def cycloid(u: Array) -> Kinematics:
+    """s(u) = u - sin(2 pi u)/(2 pi) and its two derivatives."""
+    w = 2.0 * np.pi
+    return u - np.sin(w * u) / w, 1.0 - np.cos(w * u), w * np.sin(w * u)
+
+
+def quintic(u: Array) -> Kinematics:
+    """s(u) = 10 u^3 - 15 u^4 + 6 u^5 and its two derivatives."""
+    s = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return s, 30.0 * (u * (1.0 - u)) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+
+
+def nonic(u: Array) -> Kinematics:
+    """s(u) = 126 u^5 - 420 u^6 + 540 u^7 - 315 u^8 + 70 u^9: four rates vanish at both ends."""
+    s = u**5 * (126.0 - u * (420.0 - u * (540.0 - u * (315.0 - 70.0 * u))))
+    flat = u * (1.0 - u)
+    return s, 630.0 * flat**4, 2520.0 * flat**3 * (1.0 - 2.0 * u)
+
+
+def trapezoid(r: float, u: Array) -> Kinematics:
+    """Speed 1/(1 - r) between ramps of length r; the acceleration is continuous from the right."""
+    speed, past = 1.0 / (1.0 - r), u + SNAP
+    rise, fall = 0.5 * speed / r * u**2, 1.0 - 0.5 * speed / r * (1.0 - u) ** 2
+    s = np.where(u < r, rise, np.where(u < 1.0 - r, speed * (u - 0.5 * r), fall))
+    ds = speed * np.minimum(1.0, np.minimum(u, 1.0 - u) / r)
+    return s, ds, speed / r * ((past < r).astype(np.float64) - (past >= 1.0 - r))
+
+
+def move(
+    shape: Callable[[Array], Kinematics], delta: Array, duration: float, t: Array
+) -> Kinematics:
+    """delta s(t/T), then rest."""
+    u = np.minimum(t / duration, 1.0)
+    s, ds, dds = shape(u)
+    on, rate = u < 1.0 - SNAP, delta / duration
+    return np.outer(s, delta), np.outer(ds * on, rate), np.outer(dds * on, rate / duration)
+
+
+def spin_up(speed: Array, duration: float, t: Array) -> Kinematics:
+    """Speed along the cycloid s(t/T), so that the angle starts with its first three rates zero."""
+    u = np.minimum(t / duration, 1.0)
+    s, ds, _ = cycloid(u)
+    turn = duration * (0.5 * u**2 + (np.cos(2.0 * np.pi * u) - 1.0) / (4.0 * np.pi**2))
+    angle = turn + np.maximum(t - duration, 0.0)
+    return np.outer(angle, speed), np.outer(s, speed), np.outer(ds, speed / duration)
+
+
+def harmonic(amplitude: Array, omega: float, phase: float, smooth: float, t: Array) -> Kinematics:
+    """f g: g = sin(omega t + phase) - sin(phase), f the quintic fade-in."""
+    angle = omega * t + phase
+    g, dg, ddg = np.sin(angle) - np.sin(phase), omega * np.cos(angle), -(omega**2) * np.sin(angle)
+    if smooth > 0.0:
+        f, df, ddf = quintic(np.minimum(t / smooth, 1.0))
+        df, ddf = df / smooth, ddf / smooth**2
+        g, dg, ddg = f * g, df * g + f * dg, ddf * g + 2.0 * df * dg + f * ddg
+    return np.outer(g, amplitude), np.outer(dg, amplitude), np.outer(ddg, amplitude)
+
+
+def circle(rest: Array, z0: complex, omega: float, ramp: float, t: Array) -> Kinematics:
+    """rest, with z0 exp(i theta) on its first two columns; theta' rises to omega as a quintic."""
+    theta, rate, gain = omega * t, np.full_like(t, omega), np.zeros_like(t)
+    if ramp > 0.0:
+        u = np.minimum(t / ramp, 1.0)
+        s, ds, _ = quintic(u)
+        turned = ramp * u**4 * (2.5 - 3.0 * u + u**2)  # integral of s over the ramp [s]
+        theta = omega * (turned + np.maximum(t - ramp, 0.0))
+        rate, gain = omega * s, omega * ds / ramp
+    z = z0 * np.exp(1j * theta)
+    p, v, a = (np.zeros((len(t), len(rest))) for _ in range(3))
+    for out, x in ((p, z), (v, 1j * rate * z), (a, (1j * gain - rate**2) * z)):
+        out[:, 0], out[:, 1] = x.real, x.imag
+    return p + rest, v, a
+
+
+def spline_law(spline: Any, last: float, periodic: bool, t: Array) -> Kinematics:
+    """A spline with its derivatives, clamped at its end or repeated."""
+    u = np.mod(t, last) if periodic else np.minimum(t, last)
+    on = (t < last)[:, None] | periodic
+    return spline(u), np.where(on, spline(u, 1), 0.0), np.where(on, spline(u, 2), 0.0)
+
+
+# Checks: key path, what is wrong with the value, what is allowed or what to do.
+
+
+# Formulas of time in a motion, such as "0.3*t^2", with their exact first two derivatives.
+#
+# A formula is walked as a syntax tree, never run as code, on jets: a jet is the value, the first
+# and the second derivative of a quantity by time, shape (3, nt), and every operation keeps all
+# three.
+
+_CONSTANTS = {"pi": np.pi}
+
+
+def _chain(f: Array, df: Array, ddf: Array, x: Array) -> Array:
+    """f of a jet x, from f, f' and f'' at its value."""
+    return np.array([f, df * x[1], ddf * x[1] ** 2 + df * x[2]])
+
+
+def _times(x: Array, y: Array) -> Array:
+    return np.array([x[0] * y[0], x[1] * y[0] + x[0] * y[1], _second(x, y)])
+
+
+def _second(x: Array, y: Array) -> Array:
+    return np.asarray(x[2] * y[0] + 2.0 * x[1] * y[1] + x[0] * y[2])
+
+
+def _over(x: Array, y: Array) -> Array:
+    return _times(x, _chain(1.0 / y[0], -1.0 / y[0] ** 2, 2.0 / y[0] ** 3, y))
+
+
+def _power(x: Array, y: Array) -> Array:
+    if np.any(y[1:]) or np.ptp(y[0]):
+        return _exp(_times(y, _log(x)))
+    n = float(y[0].flat[0])
+    if n in (0.0, 1.0):  # their derivatives must not divide by zero
+        return x if n else np.array([np.ones_like(x[0]), 0.0 * x[0], 0.0 * x[0]])
+    ddf = 2.0 * np.ones_like(x[0]) if n == 2.0 else n * (n - 1.0) * x[0] ** (n - 2.0)
+    return _chain(x[0] ** n, n * x[0] ** (n - 1.0), ddf, x)
+
+
+def _sin(x: Array) -> Array:
+    return _chain(np.sin(x[0]), np.cos(x[0]), -np.sin(x[0]), x)
+
+
+def _cos(x: Array) -> Array:
+    return _chain(np.cos(x[0]), -np.sin(x[0]), -np.cos(x[0]), x)
+
+
+def _exp(x: Array) -> Array:
+    f = np.exp(x[0])
+    return _chain(f, f, f, x)
+
+
+def _log(x: Array) -> Array:
+    return _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x)
+
+
+def _sqrt(x: Array) -> Array:
+    f = np.sqrt(x[0])
+    return _chain(f, 0.5 / f, -0.25 / f**3, x)
+
+
+def _atan(x: Array) -> Array:
+    slope = 1.0 / (1.0 + x[0] ** 2)
+    return _chain(np.arctan(x[0]), slope, -2.0 * x[0] * slope**2, x)
+
+
+_FUNCTIONS: Mapping[str, Callable[[Array], Array]] = {
+    "sin": _sin,
+    "cos": _cos,
+    "tan": lambda x: _over(_sin(x), _cos(x)),
+    "atan": _atan,
+    "exp": _exp,
+    "log": _log,
+    "sqrt": _sqrt,
+}
+_OPERATORS: Mapping[type, Callable[[Array, Array], Array]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: _times,
+    ast.Div: _over,
+    ast.Pow: _power,
+}
+
+
+def parse(text: object, where: str) -> ast.expr:
+    """The checked syntax tree of a formula of t."""
+    try:
+        tree = ast.parse(str(text).replace("^", "**"), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise DescriptionError(
+            f"{where}: {str(text)[:80]!r} is no formula. Write one of t, as in 0.3*t^2."
+        ) from None
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    for node in ast.walk(tree):
+        _check(node, where, id(node) in called)
+    return tree
+
+
+def _check(node: ast.AST, where: str, called: bool) -> None:
+    plain = (ast.BinOp, ast.UnaryOp, ast.Load, ast.USub, ast.UAdd, *_OPERATORS)
+    number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
+    call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    if isinstance(node, ast.Call) and call and len(node.args) == 1 and not node.keywords:
+        return
+    if isinstance(node, ast.Name):
+        known = tuple(_FUNCTIONS) if called else ("t", *_CONSTANTS)
+        if node.id not in known:
+            raise DescriptionError(f"{where}: {node.id}: unknown.{nearest(node.id, known)}")
+    elif not number and not isinstance(node, plain):
+        raise DescriptionError(
+            f"{where}: {ast.unparse(node)[:80] if isinstance(node, ast.expr) else node!r} has no "
+            f"place in a formula. Allowed: numbers, t, pi, + - * / ^, {', '.join(_FUNCTIONS)}."
+        )
+
+
+def evaluate(tree: ast.expr, t: Array) -> Array:
+    """Value and first two derivatives at times t (s), shape (3, nt)."""
+    with np.errstate(all="ignore"):
+        return _jet(tree, np.array([t, np.ones_like(t), np.zeros_like(t)]))
+
+
+def _jet(node: ast.expr, t: Array) -> Array:
+    if isinstance(node, ast.BinOp):
+        return _OPERATORS[type(node.op)](_jet(node.left, t), _jet(node.right, t))
+    if isinstance(node, ast.UnaryOp):
+        return _jet(node.operand, t) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return _FUNCTIONS[node.func.id](_jet(node.args[0], t))
+    if isinstance(node, ast.Name) and node.id == "t":
+        return t
+    jet = np.zeros_like(t)
+    jet[0] = finite(_CONSTANTS[node.id] if isinstance(node, ast.Name) else ast.literal_eval(node))
+    return jet

@@ -1,0 +1,245 @@
+"""A motion: named coordinates and their rates as functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.cards import card, grid
+from pinflex.description.motions import laws
+from pinflex.description.motions import motion_keys as keys
+from pinflex.description.motions.laws import Kinematics
+from pinflex.description.reading.schema import shown
+from pinflex.doors import door
+from pinflex.errors import nearest
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion of named coordinates; `Motion("own", "joints", ("crank",), 2.0, law)` takes any law.
+
+    Args:
+        kind: One of `KINDS`, or any word for a law of your own.
+        target: "joints" or "platform".
+        names: Joints or platform coordinates, the columns of `evaluate`; empty: all motors rest.
+        duration: Time the motion is meant for [s].
+        law: t >= 0, shape (nt,), to position, velocity and acceleration, each (nt, n).
+        absolute: Positions are values of the coordinates; else displacements from home.
+        spec: The plain mapping from which `from_spec` rebuilds the motion.
+        corners: Times [s] before the end at which some rate jumps: steps end there.
+    """
+
+    kind: str
+    target: str
+    names: tuple[str, ...]
+    duration: float
+    law: Callable[[Array], Kinematics] = field(repr=False, compare=False)
+    absolute: bool = False
+    spec: dict[str, Any] = field(default_factory=dict, repr=False, hash=False)
+    corners: tuple[float, ...] = field(default=(), repr=False)
+
+    @property
+    def switches(self) -> tuple[float, ...]:
+        """Times above 0 s at which a piece of the motion ends."""
+        spec, end = self.spec, self.duration
+        times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0)), *self.corners}
+        if self.kind == "trapezoid":
+            times.add(end - float(spec["ramp"]))
+        return tuple(sorted(time for time in times if time > 0.0))
+
+    def evaluate(self, t: Array) -> Kinematics:
+        """Position, velocity, acceleration at times t [s], shape (nt,); at rest before t = 0.
+
+        Returns: (rad | m), (rad/s | m/s), (rad/s^2 | m/s^2), each of shape (nt, len(names)).
+        """
+        t = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        moving = t >= 0.0
+        if moving.all():
+            return self.law(t)
+        p, v, a = self.law(np.maximum(t, 0.0))
+        moving = moving[:, None]
+        return p, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
+
+    def __call__(self, t: Array | float) -> Array:
+        """Positions [rad | m] at times t [s], (nt, n) for the n `names`; (n,) for a single time."""
+        p = self.evaluate(np.asarray(t, dtype=np.float64).reshape(-1))[0]
+        return p if np.ndim(t) else p[0]
+
+    def plot(
+        self, until: float | None = None, panel: str | None = None, ax: Axes | None = None
+    ) -> Any:
+        """Draw position, velocity and acceleration over time; returns the matplotlib axes.
+
+        Args:
+            until: End [s]; default: the duration.
+            panel: One alone: "position", "velocity" or "acceleration".
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        return door("viewer.plots.shapes", "plot_motion")(self, until, panel, ax)
+
+    def _repr_html_(self) -> str:
+        p, v, a = self.evaluate(np.linspace(0.0, self.duration, 401))
+        rows = [
+            [name, *(f"{np.abs(x[:, k]).max():.4g}" for x in (p, v, a))]
+            for k, name in enumerate(self.names)
+        ]
+        heads = (self.target, "position", "velocity", "acceleration")
+        return card(
+            f"{self.kind} motion, {self.duration:g} s; largest, SI units", grid(heads, rows)
+        )
+
+    def shaped(
+        self,
+        kind: str,
+        modes: Sequence[float] | float,
+        damping: Sequence[float] | float = 0.0,
+    ) -> Motion:
+        """The motion convolved with an input shaper, so that vibrations cancel; it ends later.
+
+        Args:
+            kind: "zv", "zvd" or "ei".
+            modes: Frequencies [Hz] to cancel, such as those of `pinflex.ringing`.
+            damping: Damping ratios [-], one for each or one for all.
+        Source: see `pinflex.description.motions.shaping`.
+        """
+        from pinflex.description.motions.shaping import shaped
+
+        return shaped(self, kind, modes, damping)
+
+
+def of_moves(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
+    """A motion of target, displacements by name and as an array, along a law with numbers n."""
+    target, by_name, _ = moves
+    spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
+    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)
+
+
+# Motions of several moves, each with a start of its own: a path with rounded corners.
+#
+# Every move is a polynomial of ninth degree (`nonic`), and moves add up: while two overlap the path
+# turns the corner. Four rates are continuous throughout: smooth enough for `command`.
+
+_KEYS = ("joints", "platform", "start", "duration")
+_ACROSS, _LIFT = 0.2, 0.4  # of the time of one way: when the move across begins; a move up or down
+
+
+@public
+def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) -> Motion:
+    """Moves that add up, each {platform | joints: {name: displacement}, start [s], duration [s]}.
+
+    Args:
+        moves: Relative displacements [rad | m], with start (default 0) and duration.
+        duration: Of all, with rest at the end [s]; None: the end of the last move.
+    """
+    if isinstance(moves, str | Mapping) or not isinstance(moves, Sequence) or not moves:
+        raise keys.bad(
+            "moves.moves",
+            f"{shown(moves)} is no list of moves. Write [{{platform: {{x: 0.1}}, duration: 1}}].",
+        )
+    read = [_move(one, f"moves.moves[{k}]") for k, one in enumerate(moves)]
+    target = read[0][0]
+    for k, (other, *_) in enumerate(read):
+        if other != target:
+            raise keys.bad(f"moves.moves[{k}]", f"moves {other}, the first {target}. Take one.")
+    names = tuple(dict.fromkeys(name for _, by_name, _, _ in read for name in by_name))
+    delta = np.array([[by_name.get(name, 0.0) for name in names] for _, by_name, _, _ in read])
+    start, each = (np.array([row[k] for row in read]) for k in (2, 3))
+    last = float(np.max(start + each))
+    n = keys.options("moves", "duration", duration=duration)
+    if n.setdefault("duration", last) < last:
+        raise keys.bad(
+            "moves.duration", f"{n['duration']:g} s, but the last move ends at {last:g} s."
+        )
+    spec = {"kind": "moves", **n, "moves": [
+        {target: by_name, "start": s, "duration": d} for _, by_name, s, d in read
+    ]}  # fmt: skip
+    law = partial(_sum, delta, start, each)
+    corners = tuple(np.unique([*start, *(start + each)]).tolist())
+    return Motion("moves", target, names, n["duration"], law, False, spec, corners)
+
+
+@public
+def adept(
+    *,
+    duration: float,
+    width: float = 0.305,
+    height: float = 0.025,
+    across: str = "x",
+    up: str = "z",
+    held: Sequence[str] | None = None,
+    back: bool = False,
+) -> Motion:
+    """The Adept cycle: 25 mm up, 305 mm across, 25 mm down, with rounded corners; the platform's.
+
+    Up and down take 0.4 of the time each, across the 0.6 in the middle.
+
+    Args:
+        duration: Of one way [s].
+        width, height: [m]; negative ones go the other way.
+        across, up: Coordinates of the platform: x, y or z.
+        held: Coordinates that stay; None: the third of x, y, z.
+        back: Whether the same way back follows.
+    """
+    n = keys.options("adept", duration=duration)
+    sizes = {"width": width, "height": height}
+    size = {key: keys.number(x, f"adept.{key}", "m", "length") for key, x in sizes.items()}
+    for key, name in (("across", across), ("up", up)):
+        if name not in "xyz" or len(name) != 1:
+            raise keys.bad(f"adept.{key}", f"{shown(name)} is no direction.{nearest(name, 'xyz')}")
+    if across == up:
+        raise keys.bad("adept.across", f"{across} is up too. Take two of x, y, z.")
+    if not isinstance(back, bool):
+        raise keys.bad("adept.back", f"{shown(back)} is not allowed. Allowed: true, false.")
+    still = [c for c in "xyz" if c not in (across, up)] if held is None else held
+    rest = keys.names(still, "platform", "adept.held") if len(still) else ()
+    T = n["duration"]
+    rows = [
+        {"platform": {across: 0.0, up: size["height"]} | dict.fromkeys(rest, 0.0),
+         "start": 0.0, "duration": _LIFT * T},
+        {"platform": {across: size["width"]}, "start": _ACROSS * T,
+         "duration": (1.0 - 2.0 * _ACROSS) * T},
+        {"platform": {up: -size["height"]}, "start": (1.0 - _LIFT) * T, "duration": _LIFT * T},
+    ]  # fmt: skip
+    if back:
+        rows += [_reversed(row, 2.0 * T) for row in reversed(rows)]
+    spec = {"kind": "adept", **n, **size, "across": across, "up": up, "held": list(rest)}
+    return replace(moves(moves=rows), kind="adept", spec=spec | {"back": back})
+
+
+def _reversed(row: Mapping[str, Any], end: float) -> dict[str, Any]:
+    """A move taken back, mirrored in time about half of `end` (s)."""
+    taken = {name: -x for name, x in row["platform"].items()}
+    return {"platform": taken, "start": end - row["start"] - row["duration"],
+            "duration": row["duration"]}  # fmt: skip
+
+
+def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
+    """Target, displacements, start and duration of a move."""
+    if not isinstance(one, Mapping):
+        raise keys.bad(where, f"{shown(one)} is no move. Write {{platform: {{x: 0.1}}, ...}}.")
+    for key in one:
+        if key not in _KEYS:
+            raise keys.bad(f"{where}.{key}", f"no such key of a move.{nearest(str(key), _KEYS)}")
+    if "duration" not in one:
+        raise keys.bad(f"{where}.duration", "missing. Give the time of the move in s.")
+    target, by_name, _ = keys.moves_of(one.get("joints"), one.get("platform"), where)
+    n = keys.options(where, start=one.get("start", 0.0), duration=one["duration"])
+    return target, by_name, n["start"], n["duration"]
+
+
+def _sum(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
+    total = [np.zeros((len(t), delta.shape[1])) for _ in range(3)]
+    for one, begin, time in zip(delta, start, duration, strict=True):
+        moved = laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))
+        for sum_, part in zip(total, moved, strict=True):
+            sum_ += part
+    return total[0], total[1], total[2]

@@ -1,0 +1,1 @@
+"""How a scene's text becomes values, and what is said where it cannot."""

@@ -1,0 +1,180 @@
+"""Numbers of a description as parameters: a key path, a value, and overrides that change it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+from pinflex.description.blocks import flexible
+from pinflex.description.blocks.material import from_spec
+from pinflex.description.description import Description
+from pinflex.description.reading import schema
+from pinflex.errors import DescriptionError, nearest
+from pinflex.writing import plain
+
+# Changes of a description as texts: "key.path=value".
+
+
+def assignments(*changes: str | Mapping[str, object]) -> list[str]:
+    """Values by key path as overrides: "key.path=value", numbers to the last digit; texts stay."""
+    found: list[str] = []
+    for change in changes:
+        pairs = {} if isinstance(change, str) else change
+        found += [change] if isinstance(change, str) else []
+        found += [f"{key}={json.dumps(plain(value))}" for key, value in pairs.items()]
+    return found
+
+
+_MATERIAL = ("E", "G", "rho", "nu", "yield_strength")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a scene that is varied.
+
+    Attributes:
+        key: Key path as the YAML groups it, such as "flexible.arm_?.section.diameter".
+        value: In the description, SI units.
+        paths: The places that take the value together: links written in one block.
+    """
+
+    key: str
+    value: float
+    paths: tuple[str, ...]
+
+    def overrides(self, value: float) -> list[str]:
+        """The number changed, for `Description.with_overrides`."""
+        return assignments(dict.fromkeys(self.paths, float(value)))
+
+
+def parameters(
+    description: Description, patterns: Iterable[str]
+) -> tuple[Description, tuple[Parameter, ...]]:
+    """The numbers that key paths name; each glob gives one parameter per block of the YAML.
+
+    Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant.
+
+    Returns:
+        The description with named materials written out, so that their numbers can be changed; and
+        the parameters.
+
+    Raises:
+        DescriptionError: No such key, or none that is a number.
+    """
+    if isinstance(patterns, str):
+        patterns = (patterns,)
+    raw, place = description.blocks(), f"{description.name}: flexible"
+    groups = flexible.groups(raw.get("flexible") or {}, place, description.tree())
+    named_materials, found = list[str](), dict[str, Parameter]()
+    for pattern in patterns:
+        segments = [part.strip() for part in str(pattern).split(".")]
+        matches = [(*at, _si(x)) for *at, x in _matches(raw, segments, groups)]
+        numbers = [match for match in matches if isinstance(match[2], (int, float))
+                   and not isinstance(match[2], bool)]  # fmt: skip
+        if not numbers:
+            raise _no_number(description.name, str(pattern), raw, segments, groups)
+        for key, paths, value in numbers:
+            found[key] = Parameter(key, float(value), paths)
+            if len(segments) == 4 and segments[0] == "flexible" and segments[2] == "material":
+                named_materials += _written_out(raw, paths, groups)
+    return description.with_overrides(named_materials), tuple(found.values())
+
+
+Match = tuple[str, tuple[str, ...], Any]  # key as shown, key paths, value
+
+
+def _matches(
+    raw: Mapping[str, Any], segments: Sequence[str], groups: Mapping[str, Sequence[str]]
+) -> Iterator[Match]:
+    if segments[0] != "flexible" or len(segments) < 2:
+        yield from _within(raw, segments, "", ("",))
+        return
+    for group, links in groups.items():
+        wanted = [one.strip() for one in segments[1].split(",")]  # a part of a block is a list
+        some = [x for x in links if any(fnmatchcase(x, one) for one in wanted)]
+        chosen = list(links) if segments[1] == group else some
+        if not chosen:
+            continue
+        name = group if len(chosen) == len(links) else ", ".join(chosen)
+        block = (raw.get("flexible") or {})[group]
+        yield from _within(
+            block, segments[2:], f"flexible.{name}", tuple(f"flexible.{x}" for x in chosen)
+        )
+
+
+def _within(
+    block: Any, segments: Sequence[str], key: str, paths: tuple[str, ...]
+) -> Iterator[Match]:
+    """The values below a block, with the key and the paths that lead to it."""
+    if not segments:
+        yield key, paths, block
+        return
+    first, rest = segments[0], segments[1:]
+    if not rest and key.endswith(".material"):
+        block = _numbers(block)
+    if isinstance(block, list):
+        items: Iterable[tuple[Any, Any]] = enumerate(block)
+    else:
+        items = block.items() if isinstance(block, dict) else ()
+    for name, value in items:
+        if fnmatchcase(str(name), first):
+            yield from _within(
+                value, rest, f"{key}.{name}" if key else str(name),
+                tuple(f"{path}.{name}" if path else str(name) for path in paths),
+            )  # fmt: skip
+
+
+def _si(value: Any) -> Any:
+    """The number that a text with a unit means; any other value as it is."""
+    for quantity in schema.UNITS if isinstance(value, str) else ():
+        if not isinstance(number := schema.measured(value, quantity), str):
+            return number
+    return value
+
+
+def _numbers(material: Any) -> Any:
+    """A material with all numbers of the one that it names, or is like."""
+    if not isinstance(material, str) and not (isinstance(material, dict) and "like" in material):
+        return material
+    try:
+        whole = from_spec(material)
+    except DescriptionError:
+        return material
+    values = {key: getattr(whole, key) for key in _MATERIAL}
+    own = material if isinstance(material, dict) else {}
+    return own | {key: value for key, value in values.items() if value is not None}
+
+
+def _written_out(
+    raw: Mapping[str, Any], paths: Sequence[str], groups: Mapping[str, Sequence[str]]
+) -> list[str]:
+    """Overrides that turn named materials into blocks, of which one number can be changed."""
+    written = {link: group for group, links in groups.items() for link in links}
+    links = [path.split(".")[1] for path in paths]
+    materials = {link: raw["flexible"][written[link]].get("material") for link in links}
+    return [
+        f"flexible.{link}.material={{like: {material}}}"
+        for link, material in materials.items()
+        if isinstance(material, str)
+    ]
+
+
+def _no_number(
+    name: str, pattern: str, raw: Any, segments: Sequence[str], groups: Mapping[str, Sequence[str]]
+) -> DescriptionError:
+    """The error of a pattern without a number: what there is one level up."""
+    for depth in range(len(segments) - 1, 0, -1):
+        above = [value for _, _, value in _matches(raw, segments[:depth], groups)]
+        keys = sorted({str(k) for block in above if isinstance(block, dict) for k in block})
+        if keys:
+            return DescriptionError(
+                f'{name}: {pattern}: no number there: nothing matches "{segments[depth]}".'
+                f"{nearest(segments[depth], keys)} A parameter is a number that the YAML writes."
+            )
+    return DescriptionError(
+        f"{name}: {pattern}: no such key.{nearest(segments[0], [str(k) for k in raw])} A "
+        "parameter is a number that the YAML writes."
+    )

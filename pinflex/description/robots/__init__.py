@@ -1,0 +1,1 @@
+"""Robots from URDF, xacro, SDF, MJCF and example-robot-data."""

@@ -1,0 +1,240 @@
+"""The stages of collocation steps on the compiled kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath
+from pinflex.arrays import Array, IntArray
+from pinflex.errors import PinflexError
+from pinflex.integrators.collocation import Collocation, implicit_euler
+from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
+from pinflex.integrators.problem import Problem, seen_inside
+from pinflex.kernel.march import Marched, MarchKernel, Table
+from pinflex.kernel.stages import AlphaKernel, Iteration, LawKernel, Rows, Scheme, StageKernel
+from pinflex.mechanics.evaluation.compiled import Compiled
+from pinflex.mechanics.model.system import System
+
+_BALL, _FREE, _PLANAR = (f"JointModel{kind}" for kind in ("Spherical", "FreeFlyer", "Planar"))
+
+
+class CompiledStages:
+    """Arrays of the stages of one step at a time, and of the march that takes them.
+
+    Attributes:
+        kernel: The arrays of the step. compiled: Residual and tangent of the system.
+        method: The scheme. table: What the last run prescribed, and of what its table was made.
+        kind: Of spare ones, which other runs of the system may take over.
+    """
+
+    def __init__(self, compiled: Compiled, method: Collocation, rows: Rows) -> None:
+        m = self.method = method
+        self.table: tuple[tuple[object, ...], Table | None] = ((), None)
+        self._march: tuple[tuple[int, ...], MarchKernel] | None = None
+        scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
+        self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
+        self.kind = _kind(method, rows.prescribed)
+
+    def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
+        """The arrays of a run by these stages: those of the last one, where they fit."""
+        fits = (*room, len(marched.measured), int(marched.weight is None), len(marched.stops))
+        if self._march is not None and self._march[0] == fits:
+            self._march[1].begin_anew(marched, table)
+        else:
+            self._march = fits, MarchKernel(self.kernel, marched, table, *room)
+        return self._march[1]
+
+    @property
+    def size(self) -> int:
+        """Bytes of its arrays."""
+        return self.kernel.size + (0 if self._march is None else self._march[1].size)
+
+
+class Stages:
+    """The stages of one problem by one method, lent from the spare ones of the system.
+
+    Attributes:
+        problem: What is solved. method: The scheme. compiled: Their arrays.
+    """
+
+    def __init__(self, problem: Problem, method: Collocation) -> None:
+        self.problem, self.method = problem, method
+        self.compiled = _lent(problem, method)
+
+    def __del__(self) -> None:
+        if (compiled := self.__dict__.get("compiled")) is not None:
+            system = self.problem.dynamics.system
+            system.spares.release(compiled.kind, compiled, compiled.size)
+
+    def at(self, t: Array) -> Array:
+        """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n)."""
+        return self._columns(self.problem.path(t), t)
+
+    def inside(self, t: Array) -> Array:
+        """The same at the stages of a step, shape (s, n), as they are inside it."""
+        return self._columns(self.problem.path_inside(t), seen_inside(t, self.method.c))
+
+    def _columns(self, path: MotorPath, seen: Array) -> Array:
+        drive = self.problem.drive
+        feed = path.acceleration if drive is None else drive.forward(path.t)
+        scale = self.compiled.compiled.scale(seen)
+        return np.concatenate([path.position, path.velocity, feed, scale], axis=1)
+
+
+def _lent(problem: Problem, method: Collocation) -> CompiledStages:
+    """The stages of a system on the kernel, spare ones or new."""
+    dynamics, drive = problem.dynamics, problem.drive
+    system = dynamics.system
+    if not dynamics.on_kernel or dynamics.compiled is None:
+        raise PinflexError("kernel: it does not serve; plain steps do.")
+    found = system.spares.acquire(_kind(method, drive is None))
+    if found is None or found.method is not method:
+        found = CompiledStages(dynamics.compiled, method, _rows(problem))
+    found.kernel.take_hold(problem.sampler is not None)
+    if drive is not None:
+        found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
+    return found  # type: ignore[no-any-return]
+
+
+def _kind(method: Collocation, prescribed: bool) -> object:
+    """Of workspaces that fit each other."""
+    return method.s, prescribed
+
+
+def _rows(problem: Problem) -> Rows:
+    motors, axes = problem.motors, problem.axes
+    paired = np.isin(np.arange(len(motors)), axes.paired).astype(np.intp)
+    q_at = np.asarray(axes.q_at, dtype=np.intp)
+    sorts = sorts_of(problem.dynamics.system)
+    return Rows(problem.prescribed, problem.free, motors, q_at, paired, *sorts)
+
+
+def sorts_of(system: System) -> tuple[IntArray, ...]:
+    """Coordinates and rows of plain joints, circles, balls and bodies (see `Rows`)."""
+    plain, circles, balls, bodies = [], [], [], []
+    for joint in system.rigid.joints[1:]:
+        first = joint.idx_q, joint.idx_v
+        if joint.nq == joint.nv:
+            plain += [(first[0] + k, first[1] + k) for k in range(joint.nv)]
+        elif joint.nv == 1:
+            circles.append(first)
+        elif joint.shortname() == _BALL:
+            balls.append(first)
+        else:  # the kernel covers no others
+            assert joint.shortname() in (_FREE, _PLANAR)
+            bodies.append((*first, int(joint.shortname() == _PLANAR)))
+    found = (np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (plain, circles, balls))
+    columns = [column for both in found for column in both]
+    return *columns, *np.array(bodies, dtype=np.intp).reshape(-1, 3).T
+
+
+# Equal steps of the alpha family on the compiled kernel, from starts of `PlainAlpha`.
+
+
+class CompiledAlpha:
+    """The steps of one march."""
+
+    def __init__(
+        self, march: PlainAlpha, stages: Stages, found: Sequence[Array], begin: int
+    ) -> None:
+        """`found`: y, v, a, s, lam, torque and power at all instants, which are written.
+
+        There they stand at step `begin`.
+        """
+        self._march, self._stages, self._found = march, stages, found
+        path, (mass, by_v, by_y) = march.path, march.weights
+        given = Iteration(
+            march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
+        )
+        drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
+        feed = path.acceleration if drive is None else drive.feed_forward
+        motors = path.position, path.velocity, feed, scale
+        law, signals = None if march.feedback is None else _law(march), march.signals
+        if signals is not None:
+            found = *found, signals.u, signals.measured
+            self._found = found
+        self._kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
+        self._at: Step | None = None  # where its own last step ended
+        self._kernel.at.reference = self._scale(begin)
+
+    def _scale(self, k: int) -> float:
+        """Norm of the acceleration at step k; that of what static forces could do, if more."""
+        march, d, now = self._march, self._march.dynamics, self._state(k)
+        free = march.problem.free
+        full, _ = march.matrix(k, now.y, now.v, now.a, now.lam, rates=False)
+        weight, a = np.abs(np.diag(full))[free], now.a[free]
+        still, straight, none = np.zeros_like(now.v), now.y.copy(), np.zeros_like(now.lam)
+        straight[d.nq_rigid :] = 0.0
+        t, u = float(march.path.t[k]), march.control_force
+        force = d.residual(straight, still, still, none, t, u).r[free]
+        static = force @ (force / np.maximum(weight, 1e-300))
+        return max(sqrt(static), sqrt((weight * a) @ a), 1e-12)
+
+    def step(self, k: int, now: Step, last: Step) -> Step:
+        """The state at step k, where the march does not go yet; as `PlainAlpha.step` has it."""
+        self._take(k - 1, now, last, k)
+        self._at = None
+        return self._state(k)
+
+    def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
+        """Steps from k on, as far as they go: the last one, and the states there and before.
+
+        Raises:
+            NoConvergence: The first step fails.
+        """
+        feedback, law, t = self._march.feedback, self._kernel.law, self._march.path.t
+        taken = self._take(k, now, last, upto)
+        if feedback is not None and law is not None:
+            feedback.go_on(float(t[k + taken]), law.target, law.x, law.e)
+            self._found[-1][k + 1 : k + taken + 1] += law.target
+        last = now if taken == 1 else self._state(k + taken - 1)
+        self._at = self._state(k + taken)
+        return k + taken, self._at, last
+
+    def _take(self, k: int, now: Step, last: Step, upto: int) -> int:
+        march, kernel, at = self._march, self._kernel, self._kernel.at
+        feedback, law, t = march.feedback, kernel.law, march.path.t
+        if now is not self._at:
+            kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))
+            if feedback is not None and law is not None:
+                law.x[...], law.e[...] = feedback.state_at(float(t[k]), law.target)
+        before = at.iterations, at.refreshed
+        taken = kernel.march(k + 1, upto - k)
+        march.iterations += at.iterations - before[0]
+        march.tangents += at.refreshed - before[1]
+        if not taken:
+            raise NoConvergence(kernel.residual[march.problem.free])
+        return taken
+
+    def _state(self, k: int) -> Step:
+        return Step(*(x[k].copy() for x in self._found[:6]))
+
+
+def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> CompiledAlpha | None:
+    """The steps of a march, compiled; None where they are plain or a law is any function."""
+    if march.feedback is not None and march.feedback.feedback.linear is None:
+        return None
+    if not march.dynamics.on_kernel:
+        return None
+    return CompiledAlpha(march, Stages(march.problem, implicit_euler()), found, begin)
+
+
+def _law(march: PlainAlpha) -> LawKernel:
+    """The feedback of a march, its states by the trapezoidal rule."""
+    assert march.feedback is not None
+    one = march.feedback.feedback
+    law, system, half = one.linear, march.dynamics.system, 0.5 * march.h
+    assert law is not None
+    eye = np.eye(len(law.A))
+    x_of_x, x_of_e = (
+        np.asarray(np.linalg.solve(eye - half * law.A, of), dtype=np.float64)
+        for of in (eye + half * law.A, half * law.B)
+    )
+    tables: dict[str, Array] = {
+        "S": one.S, "B": one.B, "home": one.home, "target": law.target, "x_of_x": x_of_x,
+        "x_of_e": x_of_e, "C": law.C, "D": law.D, "E": law.E,
+    }  # fmt: skip
+    return LawKernel(tables, system.nq, system.nv)

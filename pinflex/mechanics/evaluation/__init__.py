@@ -1,0 +1,1 @@
+"""The equations of a mechanism at given states."""

@@ -1,0 +1,480 @@
+"""A system as the flat tables of the compiled kernel; whatever it does not cover is named here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.bodies.family import Family
+from pinflex.bodies.superelement import Node, Superelement
+from pinflex.bodies.track import Series, Track
+from pinflex.description.blocks.external import FrameForce, FrameSpring
+from pinflex.kernel.header import constant
+from pinflex.kernel.tables import Tables
+from pinflex.mechanics.closure import Closures, CoupledRows
+from pinflex.mechanics.evaluation.squares import square_tables
+from pinflex.mechanics.model.expanded import (
+    Attachment,
+    Block,
+    ElasticDrive,
+    Expansion,
+    Interface,
+    Slot,
+)
+from pinflex.mechanics.model.loads import AddedMasses, Loads
+from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
+from pinflex.mechanics.model.strain import BODIES, strain_tables
+from pinflex.mechanics.model.system import DryFriction, Springs, System
+
+# Sleeves on beams as the flat tables of the compiled kernel.
+
+_SORTS = ("hold", "right", "left", "pivot", "tilt", "chord", "twist")  # as in sleeve_rows.c
+_ACROSS = {"v": 1, "w": 2}
+_SHEAR = 6  # row of the shear strain in v at the far end; that in w comes next
+
+
+def sleeve_tables(closed: Closures, node_of: IntArray) -> dict[str, Any]:
+    """Tables of the sleeves among the closures."""
+    loops, contacts = len(closed.names), closed.contacts
+    each = [one.sleeve for one in contacts]
+    on_b = [loops + one.loop for one in contacts]
+    stretches = [_stretches(one, closed) for one in contacts]
+    flat = [stretch for of in stretches for stretch in of]
+    tracks = list({id(track): track for *_, track in flat}.values())
+    number = {id(track): k for k, track in enumerate(tracks)}
+    sorts = [sort for sleeve in each for sort in sleeve.sorts]
+    return {
+        "sleeve_node": node_of[closed.bodies[on_b]],
+        "sleeve_loop": [one.loop for one in contacts],
+        "sleeve_passes": [len(sleeve.segments) > 0 for sleeve in each],
+        "sleeve_at": _starts([len(one.rows) for one in contacts]),
+        "sleeve_row": np.concatenate([np.zeros(0), *(one.rows for one in contacts)]),
+        "sleeve_sort": [_SORTS.index(sort) for sort, _ in sorts],
+        "sleeve_axis": [_ACROSS[direction] for _, direction in sorts],
+        "sleeve_frame": closed.local[on_b],
+        "sleeve_half": [sleeve.half for sleeve in each],
+        "stretch_at": _starts([len(of) for of in stretches]),
+        "stretch_node": [node_of[joint] for joint, *_ in flat],
+        "stretch_frame": [frame for _, frame, *_ in flat],
+        "stretch_eta": [eta for _, _, eta, *_ in flat],
+        "stretch_from": [start for _, _, _, start, _ in flat],
+        "stretch_length": [track.length for *_, track in flat],
+        "stretch_track": [number[id(track)] for *_, track in flat],
+        **_tracks(tracks),
+    }
+
+
+def _stretches(contact: Contact, closed: Closures) -> list[tuple[int, Array, int, float, Track]]:
+    """Joint, frame, first coordinate, start (m) and track of the pieces of a sleeve's beam."""
+    sleeve, loop = contact.sleeve, contact.loop
+    if sleeve.segments:
+        return [_segment(one) for one in sleeve.segments]
+    straight = Series(np.array([0.0, sleeve.length]), np.zeros((1, 1, 0)))
+    none = np.zeros(0, dtype=np.intp)
+    track = sleeve.track or Track(0, sleeve.length, straight, none, none, none, np.zeros((2, 0)))
+    return [(int(closed.bodies[loop]), closed.local[loop], sleeve.eta.start, 0.0, track)]
+
+
+def _segment(one: Segment) -> tuple[int, Array, int, float, Track]:
+    root = one.root
+    return root.joint, root.placement.homogeneous[:3], one.eta.start, one.offset, one.track
+
+
+def _tracks(tracks: list[Track]) -> dict[str, Any]:
+    """Their entries, Phi, then G with half its diagonal, then shear, and what these are made of."""
+    made = [_entries(track) for track in tracks]
+    breaks = [track.series.breaks for track in tracks]
+    names = ("entry_row", "entry_i", "entry_j", "power")
+    none = np.zeros(0)
+    return {
+        "track_n": [track.n for track in tracks],
+        "track_degrees": [track.series.powers.shape[1] for track in tracks],
+        "entry_at": _starts([len(of[0]) for of in made]),
+        "piece_at": _starts([len(x) - 1 for x in breaks]),
+        "power_at": _starts([of[3].size for of in made]),
+        "piece_start": np.concatenate([none, *(x[:-1] for x in breaks)]),
+        "piece_half": np.concatenate([none, *(0.5 * np.diff(x) for x in breaks)]),
+        **{
+            name: np.concatenate([none, *(of[k].ravel() for of in made)])
+            for k, name in enumerate(names)
+        },
+    }
+
+
+def _entries(track: Track) -> tuple[Array, ...]:
+    shear = np.argwhere(track.shear)
+    powers = track.series.powers * np.where(track.i == track.j, 0.5, 1.0)
+    constant = np.zeros((*powers.shape[:2], len(shear)))
+    constant[:, 0] = track.shear[tuple(shear.T)]
+    return (
+        np.append(track.row, _SHEAR + shear[:, 0]),
+        np.append(track.i, shear[:, 1]),
+        np.append(track.j, np.full(len(shear), -1)),
+        np.concatenate([powers, constant], axis=2),
+    )
+
+
+def _starts(lengths: list[int]) -> IntArray:
+    return np.concatenate([[0], np.cumsum(lengths, dtype=np.intp)]).astype(np.intp)
+
+
+REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
+_POINT, _DIRECTION, _DISTANCE = range(3)
+_LANES = constant("LANES")
+_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_NONE = (0.0, 0.0, 0.0)
+_JOINTS = {
+    **{f"R{x}": (REVOLUTE, axis) for x, axis in _AXES.items()},
+    **{f"RUB{x}": (CIRCLE, axis) for x, axis in _AXES.items()},
+    **{f"P{x}": (SLIDE, axis) for x, axis in _AXES.items()},
+    "Translation": (TRANSLATION, _NONE),
+    "Spherical": (BALL, _NONE),
+    "FreeFlyer": (FREE, _NONE),
+    "Planar": (PLANAR, _NONE),
+}
+_ALONG = {
+    "RevoluteUnaligned": REVOLUTE,
+    "RevoluteUnboundedUnaligned": CIRCLE,
+    "PrismaticUnaligned": SLIDE,
+}
+_PREFIX = "JointModel"
+# What the tables are made of, and what is beside it in the same records. A field beyond these, or
+# another record, may be a term that the kernel lacks.
+KNOWN: dict[type, frozenset[str]] = {
+    record: frozenset(names.split())
+    for record, names in (
+        (System, "rigid expansion closed K D springs motors loads held friction added"),
+        (Springs, "v_at q_at paired stiffness rest"),
+        (Loads, "forces springs"),
+        (FrameForce, "name frame force moment follower start until ramp"),
+        (FrameSpring, "name frame_a frame_b stiffness damper length at"),
+        (DryFriction, "rows coulomb excess stribeck speed"),
+        (AddedMasses, "joints inertia"),
+        # Gears that give way are joints and rows of the map like those of links.
+        (Expansion, "model q_at v_at blocks frames slots n_eta drives"),
+        (ElasticDrive, "joint eta row"),
+        (Block, "rows q_rows Phi G eta"),
+        (Attachment, "joint placement"),
+        (Interface, "x attachment force_rows"),
+        (Slot, "link offset body eta root stations twists interfaces"),
+        (Family, "n names length breaks gauss function shear"),
+        (Superelement, "points nodes held inertia_error held_frequencies x Phi G outer "
+         "outer_moment corners triangles shapes stress"),
+        (Node, "name place Phi G"),
+        (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
+         "dot_b distance_rows lengths support_a support_b row_mask contacts coupled"),
+        (CoupledRows, "rows J at A offset"),
+        (Contact, "sleeve loop rows supports on"),
+        (Sleeve, "link placement length half sorts track eta segments"),
+        (Segment, "offset length track end eta root"),
+        (Track, "n length series row i j shear"),
+        (Series, "breaks powers"),
+        *BODIES,
+    )
+}  # fmt: skip
+
+
+def uncovered(system: System) -> str | None:
+    """What of a system the kernel does not cover; None: it covers the system."""
+    closed = system.closed
+    known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
+    if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
+        return "closure row of another sort"
+    for joint in system.expansion.model.joints[1:]:
+        name = joint.shortname().removeprefix(_PREFIX)
+        if name not in _JOINTS and name not in _ALONG:
+            return f"joint of Pinocchio's kind {name}"
+    return _unknown(system, set())
+
+
+def _unknown(value: object, seen: set[int]) -> str | None:
+    """A record, or a field of one, that is not in `KNOWN`, of all that a value is made of."""
+    if id(value) in seen:
+        return None
+    seen.add(id(value))
+    parts: Iterable[object] = ()
+    if is_dataclass(value):
+        names = [field.name for field in fields(value)]
+        known = KNOWN.get(type(value))
+        if known is None or not known.issuperset(names):
+            new = sorted(set(names) - (known or set()))
+            return f"{type(value).__name__}.{new[0]}" if known is not None else type(value).__name__
+        parts = (getattr(value, name) for name in names)
+    elif isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, tuple | list):
+        parts = value
+    return next((found for part in parts if (found := _unknown(part, seen))), None)
+
+
+def node_of_joints(system: System) -> IntArray:
+    """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
+    return _numbered(system.expansion.model, _tree(system)[0])
+
+
+def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
+    """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
+    used = system.closed.joints | set(_loaded(system.loads))
+    used |= {int(joint) for joint in system.added.joints} | set(system.looked_at)
+    return _sorted(system.expansion.model, used)
+
+
+def _numbered(model: pin.Model, nodes: list[int]) -> IntArray:
+    node_of = np.full(int(model.njoints), -1)
+    node_of[nodes] = np.arange(len(nodes))
+    return node_of
+
+
+def tables(system: System) -> Tables:
+    """Tables of a covered system."""
+    model, expansion, closed = system.expansion.model, system.expansion, system.closed
+    nodes, points, twists = _tree(system)
+    node_of = _numbered(model, nodes)
+    nv_rigid = int(system.rigid.nv)
+    arrays: dict[str, Any] = {
+        "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
+        "armature": model.armature,
+        **_nodes(model, nodes, node_of), **_points(model, points, node_of),
+        **_twists(model, twists, node_of), **_map(expansion), **_blocks(expansion, nodes),
+        **_loops(closed, node_of), **sleeve_tables(closed, node_of),
+        **_couplings(closed.coupled, model),
+        "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
+        **strain_tables(system), **_loads(system.loads, node_of), **_joint_springs(system),
+        **_friction(system.friction),
+        **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
+    }  # fmt: skip
+    dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
+    counts = {
+        "nq": system.nq, "nv": system.nv, "nq_rigid": int(system.rigid.nq), "nv_rigid": nv_rigid,
+        "nQ": int(model.nq), "nV": int(model.nv), "nodes": len(nodes), "points": len(points),
+        "twists": len(twists), "rows": len(arrays["row_q"]), "loops": len(closed.names),
+        "closures": closed.n, "forces": len(system.loads.forces),
+        "springs": len(system.loads.springs), "dampers": dampers,
+        "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
+        "blocks": len(arrays["block_depth"]), "couplings": len(closed.coupled.rows),
+        "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
+        "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
+        "squares": len(arrays["square_eta"]),
+    }  # fmt: skip
+    return Tables(counts, arrays)
+
+
+def _loaded(loads: Loads) -> list[int]:
+    """Joints that carry a load or the end of a spring."""
+    ends = [place for _, place in loads.forces]
+    ends += [end for _, a, b in loads.springs for end in (a, b)]
+    return [int(end.joint) for end in ends]
+
+
+def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:
+    """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
+    nodes, points, twists = [], [], []
+    for j in range(1, int(model.njoints)):
+        if len(model.children[j]) or j in used:
+            nodes.append(j)
+            continue
+        name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
+        rest = xy, xz, yy, yz, zz
+        light = not model.armature[_row(model, j) : _row(model, j) + int(model.nvs[j])].any()
+        if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
+            points.append(j)
+        elif name == "RX" and light and not any((inertia.mass, *rest)):
+            twists.append(j)
+        else:
+            nodes.append(j)
+    return nodes, points, twists
+
+
+def _row(model: pin.Model, joint: int) -> int:
+    return int(model.joints[joint].idx_v)
+
+
+def _kind(joint: Any) -> tuple[int, Sequence[float]]:
+    name = joint.shortname().removeprefix(_PREFIX)
+    if name in _JOINTS:
+        return _JOINTS[name]
+    # Not every kind of joint tells its axis: its column of the Jacobian does, at any position.
+    data, start = joint.createData(), np.zeros(joint.nq)
+    start[:1] = joint.nq > joint.nv  # cos, sin
+    joint.calc(data, start)
+    twist = np.asarray(data.S, dtype=float).ravel()
+    axis = twist[:3] if _ALONG[name] == SLIDE else twist[3:]
+    return _ALONG[name], axis.tolist()
+
+
+def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:
+    return {
+        f"{prefix}_q": [int(model.joints[j].idx_q) for j in joints],
+        f"{prefix}_v": [_row(model, j) for j in joints],
+    }
+
+
+def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    kinds = [_kind(model.joints[j]) for j in joints]
+    places, bodies = [model.jointPlacements[j] for j in joints], [model.inertias[j] for j in joints]
+    return {
+        "parent": [node_of[model.parents[j]] for j in joints],
+        "kind": [kind for kind, _ in kinds],
+        "axis": [axis for _, axis in kinds],
+        "R0": [place.rotation for place in places],
+        "p0": [place.translation for place in places],
+        "mass": [body.mass for body in bodies],
+        "com": [body.lever for body in bodies],
+        "inertia": [body.inertia for body in bodies],
+        **_rows_of(model, joints, "node"),
+    }
+
+
+def _points(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    return {
+        "point_node": [node_of[model.parents[j]] for j in joints],
+        "point_R": [model.jointPlacements[j].rotation for j in joints],
+        "point_p": [model.jointPlacements[j].translation for j in joints],
+        "point_mass": [model.inertias[j].mass for j in joints],
+        **_rows_of(model, joints, "point"),
+    }
+
+
+def _twists(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    return {
+        "twist_node": [node_of[model.parents[j]] for j in joints],
+        "twist_axis": [model.jointPlacements[j].rotation[:, 0] for j in joints],
+        "twist_inertia": [model.inertias[j].inertia[0, 0] for j in joints],
+        **_rows_of(model, joints, "twist"),
+    }
+
+
+def _map(expansion: Expansion) -> dict[str, Any]:
+    """Phi and the upper triangles of G, row by row; their diagonal is halved."""
+    rows: dict[str, list[Any]] = {"row_q": [], "row_v": [], "phi": [], "phi_i": []}
+    rows |= {"phi_n": [], "g": [], "g_i": [], "g_j": [], "g_n": []}  # n: entries of each row
+    for block in expansion.blocks:
+        (bodies, count, n), curved = block.Phi.shape, block.G.shape[1]
+        first = block.eta.start + n * np.arange(bodies)
+        rows["row_q"].append(block.q_rows)
+        rows["row_v"].append(block.rows.ravel())
+        k, r, i = np.nonzero(block.Phi)
+        rows["phi"].append(block.Phi[k, r, i])
+        rows["phi_i"].append(first[k] + i)
+        rows["phi_n"].append(np.bincount(k * count + r, minlength=bodies * count))
+        half = np.triu(block.G) * (1.0 - 0.5 * np.eye(n))
+        k, r, i, j = np.nonzero(half)
+        rows["g"].append(half[k, r, i, j])
+        rows["g_i"].append(first[k] + i)
+        rows["g_j"].append(first[k] + j)
+        lengths = np.zeros((bodies, count), dtype=np.intp)
+        lengths[:, :curved] = np.count_nonzero(half, axis=(2, 3))
+        rows["g_n"].append(lengths.ravel())
+    whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
+    for name in ("phi", "g"):
+        counts = whole.pop(f"{name}_n").astype(np.intp)
+        whole[f"{name}_at"] = np.concatenate([[0], np.cumsum(counts)])
+    return whole | square_tables(expansion, whole["g_at"])
+
+
+def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
+    """Columns that the rows of a joint depend on, block by block, and the blocks on its path.
+
+    The joints of a link depend on the coordinates of that link, which follow each other, and bodies
+    beyond it on the link as a whole: of a body, the blocks on the way to it stand in a row.
+    """
+    model, nv = expansion.model, len(expansion.v_at)
+    first = np.zeros(int(model.nv), dtype=np.intp)  # column of each row of X
+    first[expansion.v_at] = np.arange(nv)
+    for block in expansion.blocks:
+        bodies, _, n = block.Phi.shape
+        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
+    rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in list(model.joints)[1:]]
+    starts = np.unique([first[at].min() for at in rows])
+    ends = np.append(starts[1:], nv + expansion.n_eta)
+    of = np.searchsorted(starts, first, side="right") - 1
+    lanes = -(-(ends - starts) // _LANES)
+    above, depth = np.full(len(starts), -1), np.zeros(len(starts), dtype=np.intp)
+    path = np.full(int(model.njoints), -1)  # the last block on the way to each joint
+    for j, at_joint in enumerate(rows, start=1):
+        before = path[int(model.parents[j])]
+        path[j] = last = of[at_joint.start]
+        if before not in (last, above[last]):
+            above[last] = before
+            depth[last] = depth[before] + ends[before] - starts[before]
+    return {
+        "x_at": np.append(0, np.cumsum(_LANES * lanes[of])),
+        "block_of": of, "block_at": np.append(starts, ends[-1]), "block_above": above,
+        "block_depth": depth, "node_block": path[nodes],
+    }  # fmt: skip
+
+
+def _sparse(matrix: Array, name: str) -> dict[str, Any]:
+    """The entries of a matrix row by row."""
+    i, j = np.nonzero(matrix)
+    at = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=len(matrix)))])
+    return {f"{name}_at": at, f"{name}_j": j, name: matrix[i, j]}
+
+
+def _loops(closed: Closures, node_of: IntArray) -> dict[str, Any]:
+    """Frames and rows of the loops, the rows of one loop side by side."""
+    loops = len(closed.names)
+    points = zip(closed.point_rows, closed.point_axes, strict=True)
+    distances = zip(closed.distance_rows, closed.lengths, strict=True)
+    rows = [(closed.loop_of[r], _POINT, r, x, 0, 1.0) for r, x in points]
+    dots = zip(closed.dot_rows, closed.dot_a, closed.dot_b, strict=True)
+    rows += [(closed.loop_of[r], _DIRECTION, r, a, b, 1.0) for r, a, b in dots]
+    rows += [(closed.loop_of[r], _DISTANCE, r, 0, 0, length) for r, length in distances]
+    rows.sort()
+    of, kind, number, a, b, length = np.array(rows, dtype=float).reshape(-1, 6).T
+    at = np.concatenate([[0], np.cumsum(np.bincount(of.astype(int), minlength=loops))])
+    return {
+        "node_a": node_of[closed.bodies[:loops]], "node_b": node_of[closed.bodies[loops:]],
+        "frame_a": closed.local[:loops], "frame_b": closed.local[loops:],
+        "loop_at": at, "row_kind": kind, "row_number": number, "row_a": a, "row_b": b,
+        "row_length": length,
+    }  # fmt: skip
+
+
+def _couplings(coupled: CoupledRows, model: pin.Model) -> dict[str, Any]:
+    """Joints of each coupling, with their factors."""
+    v_of = {int(joint.idx_q): int(joint.idx_v) for joint in model.joints[1:]}
+    entries = _sparse(coupled.A, "couple")
+    at = coupled.at[entries["couple_j"]]
+    return {
+        "couple_row": coupled.rows, "couple_at": entries["couple_at"], "couple_q": at,
+        "couple_v": [v_of[int(q)] for q in at], "couple_factor": entries["couple"],
+        "couple_offset": coupled.offset,
+    }  # fmt: skip
+
+
+def _loads(loads: Loads, node_of: IntArray) -> dict[str, Any]:
+    turned = []
+    for force, place in loads.forces:
+        R = place.placement.rotation if force.follower else np.eye(3)
+        turned.append(np.concatenate([R @ np.array(force.force), R @ np.array(force.moment)]))
+    return {
+        "force_node": [node_of[place.joint] for _, place in loads.forces],
+        "force_follows": [force.follower for force, _ in loads.forces],
+        "force_place": [place.placement.translation for _, place in loads.forces],
+        "force_load": turned,
+        "spring_a": [node_of[a.joint] for _, a, _ in loads.springs],
+        "spring_b": [node_of[b.joint] for _, _, b in loads.springs],
+        "spring_place_a": [a.placement.translation for _, a, _ in loads.springs],
+        "spring_place_b": [b.placement.translation for _, _, b in loads.springs],
+        "spring_law": [(s.stiffness, s.damper, s.length) for s, _, _ in loads.springs],
+    }
+
+
+def _joint_springs(system: System) -> dict[str, Any]:
+    s = system.springs
+    return {
+        "joint_spring_v": s.v_at, "joint_spring_q": s.q_at, "joint_spring_paired": s.paired,
+        "joint_spring_law": np.column_stack([s.stiffness, s.rest]),
+    }  # fmt: skip
+
+
+def _friction(rub: DryFriction) -> dict[str, Any]:
+    law = np.column_stack([rub.coulomb, rub.excess, rub.stribeck, rub.speed])
+    return {"rub_v": rub.rows, "rub_law": law}

@@ -1,0 +1,378 @@
+"""The expanded Pinocchio model: rigid joints plus the stations and interfaces of flexible links.
+
+A flexible link is a set of stations (small rigid slices carrying its mass) and interfaces (where
+other links attach). Each is a joint on the link's own frame, and its coordinates are functions of
+the link's modal coordinates eta, right to second order:
+
+    u = Phi eta + 1/2 eta' G eta,      X = du/deta = Phi + G eta
+
+With the rigid coordinates q kept as they are, minimal coordinates y = (q, eta) map to expanded ones
+Q = T(y), V = X v, A = X a + Xdot v, and Pinocchio does the rest on Q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.superelement import Superelement
+from pinflex.mechanics.model.expanded import (
+    Attachment,
+    Block,
+    ElasticDrive,
+    Expansion,
+    Interface,
+    Slot,
+    gear_name,
+    rigid_indices,
+)
+from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.ride import Rider
+from pinflex.mechanics.model.tree import JointStep, Link
+
+# Blocks of the coordinate map: neighbouring bodies of equal shape side by side.
+
+Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi (n,), G (n, n)
+
+
+def stack(
+    model: pin.Model, slices: Sequence[slice], maps: Sequence[Sequence[Row]]
+) -> tuple[Block, ...]:
+    """Group neighbouring bodies of equal shape.
+
+    Returns:
+        Blocks in the order of the bodies; curved rows come first in each.
+    """
+    sorted_maps = [sorted(rows, key=_straight) for rows in maps]
+    shapes = [
+        (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
+        for rows, eta in zip(sorted_maps, slices, strict=True)
+    ]
+    q_of = _positions(model)
+    blocks = []
+    for (_, curved, n), numbers in groupby(range(len(slices)), key=lambda k: shapes[k]):
+        group = list(numbers)
+        rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
+        Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
+        G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
+        eta = slice(slices[group[0]].start, slices[group[-1]].stop)
+        G = G.reshape(len(group), curved, n, n)
+        G = 0.5 * (G + G.swapaxes(2, 3))  # eta' G eta has no other part
+        blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
+    return tuple(blocks)
+
+
+def _straight(row: Row) -> bool:
+    """Whether a row is linear in eta."""
+    return row[2] is None
+
+
+def _positions(model: pin.Model) -> IntArray:
+    """Position in Q of each velocity row of a joint with as many of one as of the other."""
+    q_of = np.empty(model.nv, dtype=np.intp)
+    for joint in model.joints[1:]:
+        if joint.nq == joint.nv:
+            q_of[joint.idx_v : joint.idx_v + joint.nv] = joint.idx_q + np.arange(joint.nv)
+    return q_of
+
+
+_POINT = np.zeros((3, 3))
+_TURNS: tuple[Callable[[], pin.JointModel], ...] = (
+    pin.JointModelRZ,
+    pin.JointModelRY,
+    pin.JointModelRX,
+)
+
+
+@dataclass
+class _Section:
+    """What a section of a flexible link carries: links by their numbers, and riders."""
+
+    children: list[int] = field(default_factory=list)
+    riders: list[Rider] = field(default_factory=list)
+
+
+def _section(sections: list[dict[float, _Section]], part: FlexiblePart, x: float) -> _Section:
+    """The section at x [m] of a link among those of its segments, made where it is new."""
+    segment, local = part.segment_of(x)
+    return sections[segment].setdefault(local, _Section())
+
+
+@dataclass
+class _Assembler:
+    """Adds joints depth first: every joint of a subtree before any joint of another."""
+
+    links: Sequence[Link]
+    parts: Mapping[str, FlexiblePart]
+    needed: frozenset[str]
+    flexible: bool
+    model: pin.Model
+    frames: dict[str, Attachment] = field(default_factory=dict)
+    slots: list[Slot] = field(default_factory=list)
+    maps: list[list[tuple[int, Array, Array | None]]] = field(default_factory=list)
+    n_eta: int = 0
+    geared: frozenset[str] = frozenset()
+    gears: list[tuple[str, int]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.children: list[list[int]] = [[] for _ in self.links]
+        for number, link in enumerate(self.links):
+            if link.parent >= 0:
+                self.children[link.parent].append(number)
+
+    def run(self) -> None:
+        for number, link in enumerate(self.links):
+            if link.parent < 0:
+                self._child(number, Attachment(0, pin.SE3.Identity()), link.placement)
+
+    def _link(self, number: int, here: Attachment) -> None:
+        link = self.links[number]
+        self.frames[link.name] = here
+        if link.name in self.needed:
+            body = pin.FrameType.BODY
+            self.model.addFrame(pin.Frame(link.name, here.joint, 0, here.placement, body))
+        part = self.parts.get(link.name)
+        if part is not None and self.flexible:
+            self._flexible_link(number, here, part)
+            return
+        for inertia in (link.inertia,) if part is None else part.rigid_inertias():
+            self._append(here, inertia)
+        for child in self.children[number]:
+            self._child(child, here, self.links[child].placement)
+
+    def _matters(self, number: int) -> bool:
+        """A massless, fixed frame that nothing refers to needs no section of its own."""
+        link = self.links[number]
+        if link.steps or link.weighs or link.name in self.needed:
+            return True
+        return any(self._matters(child) for child in self.children[number])
+
+    def _child(self, number: int, here: Attachment, placement: pin.SE3) -> None:
+        """Hang a link, by its joints, at a pose in the frame of an attachment."""
+        link = self.links[number]
+        joint, placement = here.joint, here.placement * placement
+        for step in link.steps:
+            joint = self.model.addJoint(joint, step.model, placement, step.name)
+            placement = pin.SE3.Identity()
+            if self.flexible and step.name in self.geared:
+                joint = self._gear(joint, step)
+        self._link(number, Attachment(joint, placement))
+
+    def _gear(self, motor: int, step: JointStep) -> int:
+        """The joint between motor and link, about the same axis: its coordinate is elastic."""
+        name, model = gear_name(step.name), _bounded(step.model)
+        joint = int(self.model.addJoint(motor, model, pin.SE3.Identity(), name))
+        self.gears.append((step.name, int(self.model.joints[joint].idx_v)))
+        return joint
+
+    def _flexible_link(self, number: int, here: Attachment, part: FlexiblePart) -> None:
+        """Chain the segments, each with its stations, and hang the children where they sit."""
+        root = Attachment(here.joint, here.placement * part.placement)
+        if part.bodies[0].solid is not None:
+            self._solid(number, root, part, part.bodies[0].solid)
+            return
+        sections: list[dict[float, _Section]] = [{} for _ in part.bodies]
+        for child in self.children[number]:
+            if self._matters(child):
+                x = part.section_of(self.links[child].placement.translation)
+                _section(sections, part, x).children.append(child)
+        for rider in part.riders:
+            _section(sections, part, rider.x).riders.append(rider)
+        for k, body in enumerate(part.bodies):
+            if k + 1 < len(part.bodies):
+                sections[k].setdefault(body.length, _Section())
+            root = self._body(part, body, k, root, sections[k])
+
+    def _body(
+        self,
+        part: FlexiblePart,
+        body: FlexibleBody,
+        k: int,
+        root: Attachment,
+        sections: dict[float, _Section],
+    ) -> Attachment:
+        """A segment with what its sections carry, these by their x from its root; its tip."""
+        offset = k * body.length
+        eta = slice(self.n_eta, self.n_eta + body.n)
+        self.n_eta += body.n
+        slot_number = len(self.slots)
+        self.maps.append([])
+        stations = self._stations(body, root, slot_number)
+        twists = self._twists(body, root, slot_number)
+        self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
+        interfaces: list[Interface] = []
+        following = root
+        if body.root_moves and k == 0:
+            sections.setdefault(0.0, _Section())
+        for x, section in sorted(sections.items()):
+            if x <= 0 and not body.root_moves:
+                here = root
+            else:
+                interfaces.append(self._interface(body, root, slot_number, x))
+                here = interfaces[-1].attachment
+            for rider in section.riders:
+                apart = pin.SE3(np.eye(3), np.array([rider.x - offset - x, 0.0, 0.0]))
+                self._append(here, apart.act(rider.inertia))
+            to_section = part.placement * pin.SE3(np.eye(3), np.array([offset + x, 0.0, 0.0]))
+            for child in section.children:
+                self._child(child, here, to_section.actInv(self.links[child].placement))
+            if x == body.length:
+                following = here
+        self.slots[slot_number] = replace(self.slots[slot_number], interfaces=tuple(interfaces))
+        return following
+
+    def _solid(
+        self, number: int, root: Attachment, part: FlexiblePart, solid: Superelement
+    ) -> None:
+        """A reduced solid: its points, then each interface with the children nearest to it."""
+        body = part.bodies[0]
+        eta = slice(self.n_eta, self.n_eta + body.n)
+        self.n_eta += body.n
+        slot = len(self.slots)
+        self.maps.append([])
+        stations = self._stations(body, root, slot)
+        none = np.zeros(0, dtype=np.intp)
+        self.slots.append(Slot(part.link, 0.0, body, eta, root, stations, none, ()))
+        places = [solid.held[1], *(node.place for node in solid.nodes)]
+        nearest: list[list[int]] = [[] for _ in places]
+        for child in self.children[number]:
+            if self._matters(child):
+                at = part.placement.actInv(self.links[child].placement.translation)
+                nearest[int(np.argmin([np.linalg.norm(at - p) for p in places]))].append(child)
+        interfaces: list[Interface] = []
+        for k, children in enumerate(nearest):
+            carrier, section, to_place = root, root.placement, part.placement
+            if k:
+                node = solid.nodes[k - 1]
+                interfaces.append(self._node(root, slot, node.place, node.Phi, node.G))
+                carrier, section = interfaces[-1].attachment, pin.SE3.Identity()
+                to_place = part.placement * pin.SE3(np.eye(3), node.place)
+            for child in children:
+                placement = to_place.actInv(self.links[child].placement)
+                self._child(child, Attachment(carrier.joint, section), placement)
+        self.slots[slot] = replace(self.slots[slot], interfaces=tuple(interfaces))
+
+    def _stations(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
+        rows = np.empty((len(body.mass), 3), dtype=np.intp)
+        for k, place in enumerate(body.points):
+            joint = self._slide(root, place)
+            rows[k] = self._rows(joint)
+            self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
+            tensor = _POINT
+            if body.inertia is not None and body.Phi_r is not None:
+                turn = None if body.G_r is None else body.G_r[k]
+                joint = self._turn(joint, slot, body.Phi_r[k], turn)
+                tensor = np.diag(body.inertia[k])
+            self._inertia(joint, pin.Inertia(float(body.mass[k]), np.zeros(3), tensor))
+        return rows
+
+    def _twists(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
+        rows = np.empty(len(body.xt), dtype=np.intp)
+        for k, inertia in enumerate(body.It):
+            name = f"twist {self.model.njoints}"
+            joint = self.model.addJoint(root.joint, pin.JointModelRX(), root.placement, name)
+            rows[k] = self.model.joints[joint].idx_v
+            G = None if body.G_t is None else body.G_t[k : k + 1]
+            self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)
+            tensor = np.diag([float(inertia), 0.0, 0.0])
+            self._inertia(joint, pin.Inertia(0.0, np.zeros(3), tensor))
+        return rows
+
+    def _interface(self, body: FlexibleBody, root: Attachment, slot: int, x: float) -> Interface:
+        Phi, G = body.rows(x)
+        return self._node(root, slot, np.array([x, 0.0, 0.0]), Phi, G)
+
+    def _node(
+        self, root: Attachment, slot: int, place: Array, Phi: Array, G: Array | None
+    ) -> Interface:
+        joint = self._slide(root, place)
+        slide = self._rows(joint)
+        self._map(slot, slide, Phi[:3], None if G is None else G[:3])
+        joint = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
+        return Interface(float(place[0]), Attachment(joint, pin.SE3.Identity()), slide)
+
+    def _slide(self, root: Attachment, place: Array) -> int:
+        placement = root.placement * pin.SE3(np.eye(3), place)
+        name = f"section {self.model.njoints}"
+        return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
+
+    def _turn(self, joint: int, slot: int, Phi: Array, G: Array | None) -> int:
+        """Rotations z, y, x of a section: only the ones that move become joints."""
+        for direction, turn in enumerate(_TURNS):
+            curve = None if G is None else G[direction]
+            if not np.any(Phi[direction]) and (curve is None or not np.any(curve)):
+                continue
+            name = f"turn {self.model.njoints}"
+            joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
+            row = self.model.joints[joint].idx_v
+            bend = None if curve is None else curve[None]
+            self._map(slot, np.array([row]), Phi[direction][None], bend)
+        return joint
+
+    def _rows(self, joint: int) -> IntArray:
+        start = self.model.joints[joint].idx_v
+        return np.arange(start, start + self.model.joints[joint].nv)
+
+    def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
+        for k, row in enumerate(rows):
+            curve = G[k] if G is not None and np.any(G[k]) else None
+            self.maps[slot].append((int(row), Phi[k], curve))
+
+    def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
+        if here.joint:
+            self._inertia(here.joint, here.placement.act(inertia))
+
+    def _inertia(self, joint: int, inertia: pin.Inertia) -> None:
+        self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+
+
+def expand(
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+    needed: frozenset[str],
+    rigid: pin.Model | None,
+    gravity: Array,
+    geared: frozenset[str] = frozenset(),
+) -> Expansion:
+    """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
+
+    Returns:
+        The expanded model with its maps.
+    """
+    model = pin.Model()
+    model.gravity.linear = np.array(gravity, float)
+    work = _Assembler(links, parts, needed, rigid is not None, model, geared=geared)
+    work.run()
+    q_at, v_at = rigid_indices(model if rigid is None else rigid, model)
+    places = enumerate(work.gears, start=work.n_eta)
+    drives = tuple(ElasticDrive(name, eta, row) for eta, (name, row) in places)
+    slices = [slot.eta for slot in work.slots] + [slice(d.eta, d.eta + 1) for d in drives]
+    turn = np.ones(1)  # the joint turns by the elastic coordinate itself
+    blocks = stack(model, slices, [*work.maps, *([(d.row, turn, None)] for d in drives)])
+    n_eta = work.n_eta + len(drives)
+    return Expansion(model, q_at, v_at, blocks, work.frames, tuple(work.slots), n_eta, drives)
+
+
+def _bounded(joint: pin.JointModel) -> pin.JointModel:
+    """A joint of one coordinate about the axis of a joint of one freedom."""
+    if joint.nq == 1:
+        return joint
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "")
+    J = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone))
+    return pin.JointModelRevoluteUnaligned(np.ravel(J)[3:])
+
+
+def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:
+    """Pinocchio's own model as an expansion with nothing added."""
+    frames: dict[str, Attachment] = {}
+    for link in links:
+        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
+        frames[link.name] = Attachment(int(frame.parentJoint), frame.placement)
+    return Expansion(model, np.arange(model.nq), np.arange(model.nv), (), frames, (), 0)

@@ -1,0 +1,264 @@
+"""A mechanism as equations: the expanded model, its closures, stiffness, damping and motors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.description.blocks.drives import Friction
+from pinflex.kernel.tables import Spares, Tables
+from pinflex.mechanics.model.expanded import Expansion
+from pinflex.mechanics.model.loads import AddedMasses, Loads
+from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.description import Description
+    from pinflex.mechanics.closure import Closures
+
+
+# Dry friction of joints, smooth in their speed, on Pinocchio's rows.
+#
+#     F(v) = (F_c + E exp(-(v/v_s)^2)) tanh(v/v_0),     max F = F_b
+#
+# Present only where a scene has it; the viscous part is among the dampers. F v >= 0: it takes
+# energy.
+
+_NONE = np.zeros(0)
+_SPEEDS, _ROUNDS = 3001, 5  # a maximum is flat: three digits of its place are six of its height
+
+
+@dataclass(frozen=True)
+class DryFriction:
+    """Joints with dry friction.
+
+    Attributes:
+        rows: Velocity rows. coulomb: F_c [N m | N]. excess: E [N m | N].
+        stribeck, speed: v_s and v_0 [rad/s | m/s].
+    """
+
+    __repr__ = brief
+
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    coulomb: Array = field(default_factory=lambda: _NONE)
+    excess: Array = field(default_factory=lambda: _NONE)
+    stribeck: Array = field(default_factory=lambda: _NONE)
+    speed: Array = field(default_factory=lambda: _NONE)
+
+    @property
+    def present(self) -> bool:
+        """Whether any joint rubs."""
+        return len(self.rows) > 0
+
+    def force(self, v: Array) -> Array:
+        """Friction that the motion v (..., nv) has to overcome, in its rows (..., k) [N m | N]."""
+        w = v[..., self.rows]
+        level = self.coulomb + self.excess * np.exp(-np.square(w / self.stribeck))
+        return np.asarray(level * np.tanh(w / self.speed))
+
+    def slope(self, v: Array) -> Array:
+        """Derivative of `force` by the speeds of its rows, shape (k,)."""
+        w = v[self.rows]
+        fall, smooth = np.exp(-np.square(w / self.stribeck)), np.tanh(w / self.speed)
+        level = self.coulomb + self.excess * fall
+        bend = -2.0 * self.excess * fall * w / self.stribeck**2
+        return np.asarray(level * (1.0 - smooth**2) / self.speed + bend * smooth)
+
+    def power(self, v: Array) -> Array:
+        """Power that it takes (...), W, of speeds (..., nv)."""
+        return np.asarray(np.sum(self.force(v) * v[..., self.rows], axis=-1))
+
+
+def _excess(rubs: Friction) -> float:
+    """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""
+    wanted = rubs.breakaway - rubs.coulomb
+    if not wanted:
+        return 0.0
+    v = np.linspace(0.0, 3.0, _SPEEDS) * rubs.stribeck
+    smooth = np.tanh(v / rubs.speed)
+    falling, excess = np.exp(-np.square(v / rubs.stribeck)) * smooth, wanted
+    for _ in range(_ROUNDS):
+        at = int(np.argmax(rubs.coulomb * smooth + excess * falling))
+        excess = (rubs.breakaway - rubs.coulomb * smooth[at]) / falling[at]
+    return float(excess)
+
+
+def joint_friction(description: Description, model: pin.Model) -> DryFriction:
+    """Dry friction of the joints of a description."""
+    found = []
+    for name, extra in description.joints.items():
+        rubs = extra.friction
+        if rubs is not None and rubs.dry and model.existJointName(name):
+            row = int(model.joints[model.getJointId(name)].idx_v)
+            found.append((row, rubs.coulomb, _excess(rubs), rubs.stribeck, rubs.speed))
+    if not found:
+        return DryFriction()
+    rows, *numbers = zip(*found, strict=True)
+    return DryFriction(np.array(rows, dtype=np.intp), *(np.array(x, float) for x in numbers))
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Springs on single-axis joints: torque -k (q - rest).
+
+    Attributes:
+        v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
+        paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
+    """
+
+    __repr__ = brief
+
+    v_at: IntArray
+    q_at: IntArray
+    paired: IntArray
+    stiffness: Array
+    rest: Array
+
+    def angles(self, y: Array) -> Array:
+        """Positions (rad | m) of the joints with springs at y (..., nq), shape (..., springs)."""
+        angle = np.array(y[..., self.q_at])
+        for k in np.flatnonzero(self.paired):
+            angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
+        return angle
+
+
+@dataclass(frozen=True)
+class System:
+    """A rigid or flexible mechanism as equations: model, map, closures, stiffness, damping.
+
+    Attributes:
+        rigid: Pinocchio model whose coordinates q and v are kept.
+        expansion: Expanded model and map.
+        closed: Independent closure rows.
+        K, D: Stiffness and damping, shape (nv, nv), N m/rad | N/m and N m s/rad | N s/m.
+        springs: Joint springs (their stiffness is not in K).
+        motors: Velocity rows of the actuated joints.
+        loads: Forces and springs between frames.
+        held: Velocity rows that stay where home has them: elastic joints of the rigid
+            mechanism, what is idle, a free base but at level coupled.
+        friction: Dry friction of joints.
+        added: Inertia that differs with the direction.
+    """
+
+    __repr__ = brief
+
+    rigid: pin.Model
+    expansion: Expansion
+    closed: Closures
+    K: Array
+    D: Array
+    springs: Springs
+    motors: IntArray
+    loads: Loads
+    held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    friction: DryFriction = field(default_factory=DryFriction)
+    added: AddedMasses = field(default_factory=AddedMasses)
+
+    @property
+    def nq(self) -> int:
+        """Length of y: rigid configuration and eta."""
+        return int(self.rigid.nq) + self.expansion.n_eta
+
+    @property
+    def nv(self) -> int:
+        """Length of v: rigid velocities and deta/dt."""
+        return int(self.rigid.nv) + self.expansion.n_eta
+
+    @property
+    def n_eta(self) -> int:
+        """Number of elastic coordinates."""
+        return self.expansion.n_eta
+
+    def integrate(self, y: Array, dy: Array) -> Array:
+        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,).
+
+        Args:
+            y: Coordinates, shape (nq,).
+            dy: Velocity rows times time, shape (nv,).
+        """
+        q, v = int(self.rigid.nq), int(self.rigid.nv)
+        if q == v:
+            return y + dy
+        return np.concatenate([pin.integrate(self.rigid, y[:q], dy[:v]), y[q:] + dy[v:]])
+
+    def difference(self, y0: Array, y1: Array) -> Array:
+        """dy that takes y0 to y1, shape (nv,).
+
+        Args:
+            y0, y1: Coordinates, shape (nq,).
+        """
+        q = int(self.rigid.nq)
+        if q == int(self.rigid.nv):
+            return y1 - y0
+        return np.concatenate([pin.difference(self.rigid, y0[:q], y1[:q]), y1[q:] - y0[q:]])
+
+    def dissipation(self, v: Array) -> Array:
+        """Power that damping and friction take at speeds v (..., nv), shape (...), W."""
+        loss = np.sum(v @ self.D * v, axis=-1)
+        return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
+
+    @property
+    def sliding(self) -> System:
+        """The system without dry friction: at rest its slope would hold every joint."""
+        return replace(self, friction=DryFriction()) if self.friction.present else self
+
+    def sticks(self, prescribed: bool) -> bool:
+        """Whether dry friction acts where motors do not prescribe the speed, so that it may stick.
+
+        Args:
+            prescribed: Whether motors do; else they push, and may stick too.
+        """
+        if not self.friction.present:
+            return False
+        moving = self.free if prescribed else self.unheld
+        return bool(np.any(np.isin(self.friction.rows, moving)))
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Velocity rows that neither motors nor the rigid level hold."""
+        return np.setdiff1d(self.unheld, self.motors).astype(np.intp)
+
+    @cached_property
+    def unheld(self) -> IntArray:
+        """Velocity rows that move: those of motors among them."""
+        return np.setdiff1d(np.arange(self.nv), self.held).astype(np.intp)
+
+    @cached_property
+    def uncovered(self) -> str | None:
+        """What of the system the compiled kernel does not cover; None: it covers the system."""
+        from pinflex.mechanics.evaluation.kernel_tables import uncovered
+
+        return uncovered(self)
+
+    @cached_property
+    def looked_at(self) -> tuple[int, ...]:
+        """Joints of the expanded model whose poses, motions or forces are outputs; 0: the base."""
+        model, slots = self.expansion.model, self.expansion.slots
+        joints = {int(model.getJointId(name)) for name in list(self.rigid.names)[1:]}
+        joints |= {place.joint for place in self.expansion.frames.values()}
+        joints |= {slot.root.joint for slot in slots}
+        joints |= {each.bottom(model) for slot in slots for each in slot.interfaces}
+        return tuple(sorted(joints | {0}))
+
+    @cached_property
+    def tables(self) -> Tables:
+        """Tables of a covered system for the compiled kernel."""
+        from pinflex.mechanics.evaluation.kernel_tables import tables
+
+        return tables(self)
+
+    @cached_property
+    def node_of_joints(self) -> IntArray:
+        """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
+        from pinflex.mechanics.evaluation.kernel_tables import node_of_joints
+
+        return node_of_joints(self)
+
+    @cached_property
+    def spares(self) -> Spares:
+        """Workspaces of the compiled kernel that the next run finds ready."""
+        return Spares()

@@ -1,0 +1,255 @@
+"""Warnings of `pinflex check`, one sentence or two each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.actuation.motors import motor_axes
+from pinflex.description.description import Description
+from pinflex.description.files import Source
+from pinflex.description.robots.urdf import Limits, limits
+from pinflex.levels.excited import default_motion
+from pinflex.levels.rigid import sharing
+from pinflex.mechanics.closing import axis_hint
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.parts import FlexiblePart, heavy
+from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
+from pinflex.text import percent, plural
+
+# What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
+
+_SOME = 6  # names listed before "..."
+
+
+def ignored(description: Description) -> list[str]:
+    """Sentences on what the URDF says of joints and transmissions and has no effect."""
+    tree = description.tree()
+    geared = [
+        f"{name} {joint.reduction:g}"
+        for name, joint in tree.joints.items()
+        if abs(joint.reduction or 1.0) != 1.0 and not _driven(description, name)
+    ]
+    leaders = {name: joint.mimic[0] for name, joint in tree.joints.items() if joint.mimic}
+    notes = {
+        **_unused_rubbing(tree, description.use_urdf_dynamics),
+        "gear ratios of the URDF's transmissions are not used ({}): they count where "
+        "joints.NAME.drive says what the motor is.": geared,
+        "mimic in the URDF names joints that are not there ({}): these joints move by themselves. "
+        "Write joints.NAME.follows in the YAML if they should not.": [
+            name for name, leader in leaders.items() if leader not in tree.joints
+        ],
+    }
+    return [text.format(_list(names)) for text, names in notes.items() if names]
+
+
+def _unused_rubbing(tree: Source, dynamics: bool) -> dict[str, list[str]]:
+    """Sentences on damping and friction without effect, with the joints that they are about."""
+    moving = {key: _moving(tree, key) for key in ("damping", "friction")}
+    if not dynamics:
+        text = "{} in the URDF is not used ({{}}): use_urdf_dynamics is false."
+        return {text.format(key): names for key, names in moving.items()}
+    several = [
+        name
+        for names in moving.values()
+        for name in names
+        if tree.joints[name].type in ("floating", "planar")
+    ]
+    text = "damping and friction in the URDF are not used in joints of several freedoms ({})."
+    return {text: several}
+
+
+def used(description: Description) -> str:
+    """Joints whose damping and friction are the URDF's, in words; "" for none."""
+    if not description.use_urdf_dynamics:
+        return ""
+    tree = description.tree()
+    parts = []
+    for key in ("damping", "friction"):
+        names = [name for name in _moving(tree, key) if _as_written(description, tree, name, key)]
+        if names:
+            parts.append(f"{key} of the URDF ({_list(names)})")
+    if not parts:
+        return ""
+    return f"{' and '.join(parts)}; `use_urdf_dynamics: false` leaves them out"
+
+
+def _moving(tree: Source, key: str) -> list[str]:
+    """Joints with damping or friction of one freedom or more."""
+    moving = (joint for joint in tree.joints.values() if joint.type != "fixed")
+    return [joint.name for joint in moving if getattr(joint, key)]
+
+
+def _as_written(description: Description, tree: Source, name: str, key: str) -> bool:
+    """Whether a joint has what the URDF says of it, and not what the YAML says."""
+    extra = description.joints.get(name)
+    if extra is None:
+        return False
+    rubs = 0.0 if extra.friction is None else extra.friction.coulomb
+    return bool((extra.damper if key == "damping" else rubs) == getattr(tree.joints[name], key))
+
+
+def _driven(description: Description, name: str) -> bool:
+    extra = description.joints.get(name)
+    return extra is not None and extra.drive is not None
+
+
+def beyond_limits(
+    description: Description, mechanism: Mechanism, holding: tuple[float, ...] | None
+) -> list[str]:
+    """Motors whose home position or holding torque is beyond the URDF's limits."""
+    known = limits(description.urdf_text)
+    at_home = motor_axes(mechanism).read(mechanism.home)
+    found = []
+    for k, name in enumerate(description.actuated):
+        limit = known.get(name, Limits())
+        lower, upper = limit.lower, limit.upper
+        if lower < upper and not lower - 1e-9 <= at_home[k] <= upper + 1e-9:
+            at = f"{at_home[k]:.4g}"
+            found.append(f"{name}: home {at} is outside the URDF's limits {lower:g} to {upper:g}.")
+        effort = limit.effort
+        if holding is not None and 0 < effort < abs(holding[k]):
+            found.append(
+                f"{name}: holding needs {abs(holding[k]):.4g}, more than the URDF's effort limit "
+                f"{effort:g}."
+            )
+    return found
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(names[:_SOME]) + (", ..." if len(names) > _SOME else "")
+
+
+MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth a warning
+_OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
+CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
+SAG_FAR = 0.1  # share of the longest flexible link beyond which a sag is worth a warning
+SAG_NONE = 1e-6  # share below which it is none, as where a leg hangs straight
+SAG_APART = 0.2  # share by which linear and full statics may differ without a word
+
+
+def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tuple[str, ...]:
+    """Warnings about freedoms, masses, sag and parts of the URDF that are not used."""
+    description = mechanism.description
+    return (
+        *_freedom_warnings(mechanism),
+        *_off_axis(mechanism),
+        *(text for link in links for text in _link_warnings(link)),
+        *(text for p in mechanism.parts.values() for text in _carries_nothing(mechanism, p)),
+        *_sag_warnings(rest, links),
+        *heavy(mechanism.links),
+        *ignored(description),
+        *description.notes,
+        *beyond_limits(
+            description, mechanism, rest.holding_full or rest.holding_linear or rest.holding_rigid
+        ),
+    )
+
+
+def _link_warnings(link: LinkCheck) -> list[str]:
+    """The beam's inertia takes the place of the URDF's: said where that changes the robot."""
+    if link.share is not None:
+        return []
+    if link.mass_difference is None or link.centre_shift is None:
+        mass = link.mass + link.end_masses
+        return [f"{link.name}: the URDF gives no mass; the beam has its own, {mass:.4g} kg."]
+    words = []
+    if abs(link.mass_difference) > MASS_OFF:
+        words.append(
+            f"its mass is {link.mass + link.end_masses:.4g} kg instead of {link.urdf_mass:.4g} kg "
+            f"({percent(link.mass_difference, sign='+')})"
+        )
+    if link.centre_shift > CENTRE_OFF * link.length:
+        words.append(f"its centre of mass moves by {1e3 * link.centre_shift:.3g} mm")
+    if not words:
+        return []
+    return [
+        f"{link.name}: the beam replaces the URDF's inertia: {' and '.join(words)}. "
+        "Write inertia: urdf to keep it."
+    ]
+
+
+def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
+    """A beam beside the load path: everything that hangs on its link sits at its root."""
+    number = next(k for k, link in enumerate(mechanism.links) if link.name == part.link)
+    ends = mechanism.description.tied
+    sections = {
+        link.name: part.length if link.name in ends else part.section_of(link.placement.translation)
+        for link in mechanism.links
+        if link.parent == number and (link.steps or link.weighs or link.name in ends)
+    }
+    if not sections or any(sections.values()) or part.bodies[0].solid is not None:
+        return []
+    return [
+        f"{part.link}: nothing hangs on its beam beyond the root, where {', '.join(sections)} "
+        f"{'sits' if len(sections) == 1 else 'sit'}: it bends under its own mass alone."
+    ]
+
+
+def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
+    """The platform sags far, or so far that linear statics are off."""
+    sags = [rest.linear, rest.full]
+    far = [float(np.linalg.norm(sag.position)) for sag in sags if sag is not None]
+    longest = max((link.length for link in links), default=0.0)
+    found = []
+    if far and links and max(far) > SAG_FAR * longest:  # of elastic joints alone: not judged
+        found.append(
+            f"the platform sags by {max(far):.3g} m, more than a tenth of the longest flexible "
+            f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
+            "that is too soft."
+        )
+    seen = len(far) == 2 and max(far) > SAG_NONE * longest
+    if seen and abs(far[0] - far[1]) > SAG_APART * max(far):
+        found.append(
+            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m: "
+            "deflections are not small, so level ked is off as well. Trust coupled."
+        )
+    return found
+
+
+def _freedom_warnings(mechanism: Mechanism) -> list[str]:
+    report, motors = mechanism.report, len(mechanism.motors)
+    count = f"{plural(motors, 'motor')} for {report.mobility} degrees of freedom"
+    warnings = []
+    if motors < report.mobility:
+        warnings.append(
+            f"{count}: underactuated. Only the "
+            "level coupled (or drive: torque) lets the rest swing; the other levels need a motor "
+            "for each degree of freedom."
+        )
+    if motors > report.mobility:
+        fight = mechanism.description.motion and default_motion(mechanism).target == "joints"
+        advice = " Their motions must agree; prescribe the platform's motion instead."
+        warnings.append(sharing(mechanism) + advice * bool(fight))
+    if mechanism.description.loops:
+        crossed = axis_hint(Equations(mechanism.rigid), mechanism.description.loops, mechanism.home)
+        warnings += [crossed.strip()] if crossed else []
+    warnings += [report.built_in] if report.gaps else []
+    every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
+    if every:
+        flexible = mechanism.flexible_report.redundant
+        kind = "" if set(every) == set(flexible) else f" ({len(flexible)} in the flexible model)"
+        warnings.append(
+            f"{len(every)} closure rows are dependent and left out{kind}: {', '.join(every)}. The "
+            "motion is exact; reactions in these directions are not unique."
+        )
+    return warnings
+
+
+def _off_axis(mechanism: Mechanism) -> list[str]:
+    """Rods whose centre of mass is off the line about which they spin."""
+    if mechanism.report.mobility > len(mechanism.motors):
+        return []
+    torques, couples = rigid_holding(mechanism)
+    scale = float(np.max(np.abs(torques), initial=0.0))
+    off = [
+        f"{spin.name} ({abs(couple):.3g} N m)"
+        for spin, couple in zip(mechanism.idle.spins, couples, strict=True)
+        if abs(couple) > _OFF_AXIS * scale
+    ]
+    if not off:
+        return []
+    return [
+        f"{', '.join(off)}: the mass is off the axis, so that gravity would turn it; this couple "
+        "holds it where home has it, and no motor gives it."
+    ]

@@ -1,0 +1,271 @@
+"""Figures of a map of poses: curves along one coordinate or a motion, or maps over two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+from pinflex.results.pose_map import PoseMap, free, free_stiffness
+from pinflex.viewer.plot import figure_of
+from pinflex.viewer.plots.drawing import COLOURS, DPI, WIDTH, Drawing, check_figure, panels, title
+from pinflex.writing import replaced
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_PANELS = 3  # a row
+_PREFIXES = (("M", 1e6), ("k", 1e3), ("", 1.0))
+_WIDE = 1 / 15  # a lowest frequency below this share of the highest: on a logarithmic axis
+_FLAT = 0.02  # of the largest value: what varies less needs no lines of equal height
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """The part of a map that is drawn: one or two coordinates, the others at their middle."""
+
+    drawn: list[int]
+    x: list[Array]
+    labels: list[str]
+    frequencies: Array
+    stiffness: dict[str, Array]
+
+
+def plot_map(poses: PoseMap) -> Figure:
+    """Frequencies, and below them how stiff the platform is along each axis that gives way.
+
+    Stiffness is here 1/C_xx (others free), the force per displacement along its own axis. Axes
+    along which the platform is rigid are named in the title.
+    Of a grid with more than two coordinates, the others are drawn at their middle.
+    """
+    cut = _cut(poses)
+    figure = _curves(poses, cut) if len(cut.drawn) == 1 else _maps(cut)
+    figure.suptitle(_title(poses, cut.drawn), x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def axes_of_map(poses: PoseMap, panel: str | None = None, ax: Axes | None = None) -> Any:
+    """Axes of `plot_map`."""
+    cut = _cut(poses)
+    if len(cut.drawn) == 1:
+        each: dict[str, Callable[[Axes], object]] = {
+            "frequencies": lambda on: _frequency_panel(on, poses, cut)
+        }
+        if cut.stiffness:
+            each["stiffness"] = lambda on: _stiffness_panel(on, cut)
+    else:
+        each = {
+            name: partial(_map, name=name, values=values, cut=cut)
+            for row in _rows(cut)
+            for name, values in row.items()
+        }
+    return Drawing(lambda: plot_map(poses), each).axes(panel, ax)
+
+
+def _cut(poses: PoseMap) -> _Cut:
+    sizes = [len(values) for values in poses.grid.values()]
+    wide = [k for k, size in enumerate(sizes) if size > 1]
+    if not wide:
+        raise DescriptionError(f"{poses.name}: one pose makes no plot. Give a grid with a:b:n.")
+    drawn = wide[:2]
+    cut = tuple(slice(None) if k in drawn else size // 2 for k, size in enumerate(sizes))
+    frequencies, stiffness = poses.frequencies[cut], _stiffness(poses.compliance[cut])
+    frequencies = frequencies[..., np.isfinite(frequencies).any(axis=tuple(range(len(drawn))))]
+    if not frequencies.size:
+        raise DescriptionError(f"{poses.name}: no pose of the middle of the grid has an answer.")
+    x = [list(poses.grid.values())[k] for k in drawn]
+    names = [list(poses.grid)[k] for k in drawn]
+    labels = [f"{name} from home [{poses.units[name]}]" for name in names]
+    if poses.along_motion:
+        labels = ["time along the motion [s]"]
+    return _Cut(drawn, x, labels, frequencies, stiffness)
+
+
+def _title(poses: PoseMap, drawn: list[int]) -> str:
+    """State of the motors, load, coordinates that are not drawn, rigid directions."""
+    rest = [
+        f"{name} = {values[len(values) // 2]:.4g}"
+        for k, (name, values) in enumerate(poses.grid.items())
+        if k not in drawn
+    ]
+    motors = "free in frequencies" if poses.free_motors else "locked"
+    return ", ".join(
+        [
+            f"{poses.name}: {'along the motion, ' * poses.along_motion}motors {motors}",
+            "under gravity" if poses.preload == "gravity" else "undeformed",
+            *rest,
+            *([f"platform rigid along {', '.join(poses.rigid)}"] if poses.rigid else []),
+        ]
+    )
+
+
+def save_map(poses: PoseMap, path: str | Path) -> Path:
+    """Write the figure (.png, .pdf, .svg); returns the file."""
+    path = check_figure(path)
+    with replaced(path) as part:
+        plot_map(poses).savefig(part, dpi=DPI)
+    return path
+
+
+def _curves(poses: PoseMap, cut: _Cut) -> Figure:
+    count = 1 + bool(cut.stiffness)
+    figure, axes = panels(count, 1, 3.2 * count, None, sharex=True)
+    _frequency_panel(axes[0, 0], poses, cut)
+    if cut.stiffness:
+        axes[0, 0].set_xlabel("")
+        _stiffness_panel(axes[1, 0], cut)
+    return figure
+
+
+def _frequency_panel(ax: Axes, poses: PoseMap, cut: _Cut) -> None:
+    unit = poses.units[list(poses.grid)[cut.drawn[0]]]
+    _draw_frequencies(ax, cut.x[0], cut.frequencies, unit)
+    ax.set_xlabel(cut.labels[0])
+
+
+def _stiffness_panel(ax: Axes, cut: _Cut) -> None:
+    from matplotlib.ticker import LogFormatter
+
+    for k, (name, values) in enumerate(cut.stiffness.items()):
+        # dashed and on top: of two equal ones both are seen
+        dashes = (0, (4, 4)) if k % 2 else "-"
+        style: dict[str, Any] = {"lw": 1.3, "ls": dashes, "zorder": 2 + k % 2, "label": name}
+        ax.plot(cut.x[0], values, color=COLOURS[k], **style)
+    ax.set_yscale("log")
+    for part in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+        part(LogFormatter(minor_thresholds=(1.5, 0.4)))
+    ax.tick_params(which="minor", labelsize=8, width=0.4)
+    ax.set_ylabel("stiffness")
+    ax.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    ax.set_xlabel(cut.labels[0])
+
+
+def _rows(cut: _Cut) -> list[dict[str, Array]]:
+    """Panels by name: the first frequencies, and the axes that give way, translations first."""
+    f = cut.frequencies
+    rows = [
+        {f"mode {k + 1} [Hz]": f[..., k] for k in range(min(_PANELS, f.shape[-1]))},
+        dict([*cut.stiffness.items()][:_PANELS]),
+    ]
+    return [row for row in rows if row]
+
+
+def _maps(cut: _Cut) -> Figure:
+    """One panel each."""
+    rows = _rows(cut)
+    columns = max(map(len, rows))
+    height = 0.6 + len(rows) * WIDTH / columns * 0.95
+    figure, axes = panels(len(rows), columns, height, None, sharex=True, sharey=True)
+    for row, line in zip(rows, axes, strict=True):
+        for ax, (name, values) in zip(line, row.items(), strict=False):
+            _map(ax, name.replace(" [", "\n[") if "Hz" not in name else name, values, cut)
+            ax.label_outer()
+        for spare in line[len(row) :]:
+            spare.remove()
+    return figure
+
+
+def _map(ax: Axes, name: str, values: Array, cut: _Cut) -> None:
+    """One quantity over two coordinates, with its scale of colours."""
+    from matplotlib.ticker import ScalarFormatter
+
+    flat = np.ptp(values[np.isfinite(values)]) <= _FLAT * np.nanmax(np.abs(values))
+    # a scale that resolves a thousandth: ticks of few digits, and no colours of round-off
+    middle, spread = float(np.nanmean(values)), _FLAT * float(np.nanmax(np.abs(values)))
+    scale: dict[str, Any] = {"vmin": middle - spread, "vmax": middle + spread} if flat else {}
+    image = ax.pcolormesh(
+        *cut.x, values.T, cmap="viridis", shading="gouraud", rasterized=True, **scale
+    )
+    if not flat:
+        lines = ax.contour(*cut.x, values.T, 6, colors="white", linewidths=0.6)
+        ax.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.4g}")
+    bar = figure_of(ax).colorbar(
+        image, ax=ax, pad=0.02, aspect=30, format=ScalarFormatter(useOffset=False)
+    )
+    bar.ax.tick_params(width=0.6, labelsize=7)
+    bar.outline.set_visible(False)
+    title(ax, name)
+    ax.set_xlabel(cut.labels[0])
+    ax.set_ylabel(cut.labels[1])
+
+
+def _stiffness(compliance: Array) -> dict[str, Array]:
+    """1/C_ii (others free) of the axes that give way at every pose that has numbers."""
+    shown = {}
+    for i, values in enumerate(np.moveaxis(free_stiffness(compliance), -1, 0)):
+        known = np.isfinite(compliance[..., i, i])
+        if known.any() and np.all((values[known] > 0) & (values[known] < np.inf)):
+            size = float(np.max(values[known]))
+            prefix, factor = next((p, f) for p, f in _PREFIXES if size > f or not p)
+            unit = "N/m" if i < 3 else "N m/rad"
+            shown[f"{free(i)} [{prefix}{unit}]"] = values / factor
+    return shown
+
+
+def _draw_frequencies(ax: Axes, t: Array, frequencies: Array, unit: str) -> None:
+    """One line a mode, numbered; the lowest frequency of all marked."""
+    frequencies = frequencies[:, np.isfinite(frequencies).any(axis=0)]
+    for i, column in enumerate(frequencies.T):
+        ax.plot(t, column, color=COLOURS[i % len(COLOURS)], lw=1.3, clip_on=False)
+    known = np.isfinite(frequencies).all(axis=1)
+    top, bottom = float(np.nanmax(frequencies)), float(np.nanmin(frequencies))
+    n = int(np.flatnonzero(known)[-1])
+    wide = 0 < bottom < _WIDE * top
+    if wide:
+        ax.set_yscale("log")
+        low, high = bottom / (top / bottom) ** 0.12, top * (top / bottom) ** 0.06
+    else:
+        low, high = min(0.0, 1.06 * bottom), 1.06 * top
+    ax.set_ylim(low, high)
+    for group in _close_together(_heights(ax, frequencies[n]), 0.045):
+        ax.annotate(
+            ", ".join(str(i + 1) for i in sorted(group)),
+            (t[n], float(np.mean(frequencies[n][group]))), (5, 0), va="center",
+            textcoords="offset points", fontsize=9, annotation_clip=False,
+            color=COLOURS[group[0] % len(COLOURS)] if len(group) == 1 else "0.2",
+        )  # fmt: skip
+    lowest = np.where(known, np.min(frequencies, axis=1), np.inf)
+    if np.ptp(lowest[known]) > 1e-3 * lowest.min():  # otherwise no pose is worse than another
+        _mark_lowest(ax, t, lowest, unit)
+    if not known.all() and n + 1 < len(t):
+        ax.axvspan(t[n], t[-1], color="0.95", zorder=0)
+        middle, place = (t[n] + t[-1]) / 2, ax.get_xaxis_transform()
+        ax.text(middle, 0.5, "no answer", transform=place, fontsize=9, ha="center", color="0.4")
+    ax.set_xlim(t[0], t[-1])
+    ax.set_ylabel("natural frequency [Hz]")
+
+
+def _mark_lowest(ax: Axes, t: Array, lowest: Array, unit: str) -> None:
+    k = int(np.argmin(lowest))
+    ax.plot(t[k], lowest[k], "o", mfc="white", mec="0.2", ms=5, zorder=5, clip_on=False)
+    early, below = k < len(lowest) / 2, _heights(ax, lowest[[k]])[0] > 0.08
+    ax.annotate(
+        f"lowest {lowest[k]:.4g} Hz at {t[k]:.4g} {unit}", (t[k], lowest[k]),
+        (8 if early else -8, -14 if below else 10), textcoords="offset points", fontsize=8,
+        ha="left" if early else "right", bbox={"fc": "w", "ec": "none", "pad": 1}, zorder=4,
+    )  # fmt: skip
+
+
+def _heights(ax: Axes, values: Array) -> Array:
+    """Heights of values on the vertical axis, 0 to 1."""
+    points = np.column_stack([np.zeros(len(values)), values])
+    return np.asarray((ax.transData - ax.transAxes).transform(points)[:, 1])
+
+
+def _close_together(heights: Array, least: float) -> list[list[int]]:
+    """Indices of heights, those closer than `least` to their neighbour in one group."""
+    groups: list[list[int]] = []
+    for i in np.argsort(heights):
+        if groups and heights[i] - heights[groups[-1][-1]] < least:
+            groups[-1].append(int(i))
+        else:
+            groups.append([int(i)])
+    return groups
