@@ -241,7 +241,9 @@ maps.tracked = lambda shapes, mass, count, first=None: {
     ),
     "shares of links that are alike are not added up": (
         """
-altered("pinflex.mechanics.model.relevance", "for p in equal) for case", "for p in equal[:1]) for case")
+altered(
+    "pinflex.mechanics.model.relevance", "for p in equal) for case", "for p in equal[:1]) for case"
+)
 """,
         ["tests/unit/mechanics/test_planes.py"],
     ),

@@ -1,12 +1,12 @@
 """What the model of a run leaves out: measured against a richer one by a cheap look at both.
 
 The richer model has every plane, stretch and twist, second-order terms, shear and rotary inertia
-and twice the segments in each link (`pinflex.advice.error_bars`). Both models are looked at along the
-whole motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on
-the same instants, so that what the look itself misses is missed twice and cancels; what a shifted
+and twice the segments in each link (`finer_model`). Both models are looked at along the whole
+motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on the
+same instants, so that what the look itself misses is missed twice and cancels; what a shifted
 frequency makes of a long vibration is in it. Where no cheap look describes the motion, or its steps
-do not resolve the third mode, the richer model is run (`pinflex.advice.error_bars`). The error bar
-is twice the difference. Nothing is paid before it is asked for.
+do not resolve the third mode, the richer model is run (`richer_run`). The error bar is twice the
+difference. Nothing is paid before it is asked for.
 """
 
 from __future__ import annotations

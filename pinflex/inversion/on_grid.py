@@ -242,7 +242,7 @@ def _nodes(v: Array) -> IntArray:
 # The pose that balances the rigid motion's inertia forces is differentiated in time, and balanced
 # again with its own rates; every pass gains that factor until the series diverges. Of its passes
 # the one with the smallest error of the platform is taken, which is what the forces that it leaves
-# open do to the mechanism (`pinflex.inversion.on_grid`), vibration included.
+# open do to the mechanism (above), vibration included.
 #
 # Source: Seifried (2014), ch. 6 (quasi-static approximation), taken further by iteration.
 

@@ -344,9 +344,8 @@ def _ends(
 
 # The closures as a search wants them: angles instead of their sines, everything in metres.
 #
-# The rows of `pinflex.mechanics.closure` are sines of small angles, exact and cheap near a closed
-# pose; far from one a sine also vanishes at half a turn. Here the rotation of frame b against frame
-# a
+# The rows above are sines of small angles, exact and cheap near a closed pose; far from one a sine
+# also vanishes at half a turn. Here the rotation of frame b against frame a
 #
 #     TURNED (weld)          r = log(R_a' R_b)                    the rotation vector, |r| <= pi
 #     ALONG (revolute)       r = theta (n . x_a, n . y_a) ,       theta the angle from axis to axis

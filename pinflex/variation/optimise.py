@@ -65,7 +65,7 @@ def design(
         model: A model, or what `load` takes.
         minimise: Output, see `pinflex.variation.measures`.
         vary: (low, high) by key path; links of one block of the YAML are one variable.
-        keep: Limits, see `pinflex.variation.evaluator`. One on frequency.1 holds for those above too.
+        keep: Limits, see `pinflex.variation.evaluator`; one on frequency.1 holds for those above.
         choose: Values to choose from by key path, or rows of several numbers below it (a catalogue
             of tubes by "flexible.arm_?.section"): tried about the continuous optimum.
         report: Other outputs to tell of the design.

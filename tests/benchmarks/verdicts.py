@@ -4,7 +4,7 @@ For shipped models, a UR10 with elastic gears, a Panda with its gripper and a fi
 each in a smooth move and in one whose acceleration jumps (where its motion is a move): the simplest
 level that suffices by `compare`, the proposal of `advise`, its largest error bar and the error of a
 run that follows it, both as shares of what is allowed; a bar above 1 is NOT REACHED on the screen
-of `advise`. The error is measured against a run of the finer model of `pinflex.advice.error_bars` at a
+of `advise`. The error is measured against a run of `pinflex.advice.error_bars.finer_model` at a
 twentieth of the tolerance. The last column says what is wrong:
 
 - a level that `advise` lets pass misses in `compare`, or one that `compare` finds within a third of

@@ -351,7 +351,7 @@ KEYS = (
     *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
     *SWITCHES,
     *("rotary_inertia", "second_order", "shear", "segments", "temperature", "root", "tip"),
-    *("damping", "patches", "third_order", "polyline", "arc"),  # the last two: `description.blocks.curved`
+    *("damping", "patches", "third_order", "polyline", "arc"),  # curved: the last two
 )  # fmt: skip
 
 
