@@ -38,6 +38,22 @@ class MotorPath:
     acceleration: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Quintics:
+    """Motor motion as a function of time that is a polynomial between some times.
+
+    Attributes:
+        pieces: These times in s, rising, shape (k,). Its polynomials are of fifth degree.
+        curve: Positions, velocities and accelerations at times (nt,), each (nt, nm).
+    """
+
+    pieces: Array
+    curve: Callable[[Array], tuple[Array, Array, Array]]
+
+    def __call__(self, t: Array) -> MotorPath:
+        return MotorPath(t, *self.curve(t))
+
+
 def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     """Motor motion at times t: exact for joints, by inverse kinematics for the platform.
 
@@ -85,7 +101,7 @@ def _interpolated(
         error = np.max(np.abs(coarse(grid[~old])[0] - values[0][~old]), initial=0.0)
         # Halving the interval divides the quintic's error by 64.
         if error / 64.0 < _FINE:
-            return _path(_hermite(grid, list(values))), True
+            return Quintics(grid, _hermite(grid, list(values))), True
         nodes = 2 * nodes - 1
     return _path(lambda t: _at_nodes(mechanism, motion, t)), False
 

@@ -383,7 +383,8 @@ def _table(radau: Radau, ends: tuple[float, float], corners: Sequence[float]) ->
     kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
     table = None
     with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
-        table = tabulated(radau.at, kinds, *ends, corners)
+        pieces = getattr(problem.motion, "pieces", None)
+        table = tabulated(radau.at, kinds, *ends, corners, pieces)
     compiled.table = asked_for, table
     return table
 

@@ -16,6 +16,7 @@ from pinflex.arrays import Array
 from pinflex.kernel.march import Table
 
 _NODES = 25  # and as many less one between them
+_FEW = 7  # where it is a polynomial of fifth degree on pieces that are known
 _ROUND_OFF = 3e-14  # of the largest value of a kind: what may be missed; seen: 2e-15
 # Of it: what may be missed where a half misses as much as its whole: the function's own round-off,
 # or a kink so small.
@@ -31,12 +32,20 @@ def tabulated(
     start: float,
     end: float,
     corners: Sequence[float],
+    pieces: Array | None = None,
 ) -> Table | None:
-    """The table of a function of time; None where it is not smooth between its corners."""
+    """The table of a function of time; None where it is not smooth between its corners.
+
+    `pieces`: times (s) between which motors follow polynomials of fifth degree, where they do.
+    """
     span = end - start
     gap = _CORNER_GAP * span
     inside = [c for c in sorted(set(corners)) if start + gap < c < end - gap]
-    ends = np.array([start, *inside, end])
+    ends, count = np.array([start, *inside, end]), _NODES
+    if pieces is not None:
+        apart = np.abs(pieces[:, None] - ends).min(axis=1) > 10.0 * gap
+        between = (pieces > start) & (pieces < end)
+        ends, count = np.sort(np.concatenate([ends, pieces[apart & between]])), _FEW
     begin, until = ends[:-1] + gap, ends[1:] - gap
     whole = np.array([start, *(c for c in corners if start < c < end), end])
     size, corner_value = np.full(len(kinds), 1e-300), None
@@ -45,7 +54,7 @@ def tabulated(
     for _ in range(_ROUNDS):
         middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
         more = whole if corner_value is None else whole[:0]
-        values, missed, others = _pieces(function, middle, half, more)
+        values, missed, others = _pieces(function, middle, half, more, count)
         corner_value = others if corner_value is None else corner_value
         size = np.maximum(size, [np.abs(values[..., k]).max(initial=0.0) for k in kinds])
         worst = np.stack([missed[:, k].max(axis=1, initial=0.0) for k in kinds]) / size[:, None]
@@ -64,7 +73,7 @@ def tabulated(
     middle, half, value = middle[order], half[order], value[order]
     # Between two pieces, in the gap of a corner, either holds.
     rest = (middle + half, middle, half, value, whole, corner_value, _AT_CORNER * span)
-    return Table(_nodes(), _weights(), *rest)
+    return Table(_nodes(count), _weights(count), *rest)
 
 
 def read(table: Table, t: Array) -> Array:
@@ -88,45 +97,45 @@ def read(table: Table, t: Array) -> Array:
 
 
 def _pieces(
-    function: Callable[[Array], Array], middle: Array, half: Array, more: Array
+    function: Callable[[Array], Array], middle: Array, half: Array, more: Array, count: int
 ) -> tuple[Array, Array, Array]:
     """Values at the nodes of pieces, (pieces, nodes, n), and misses between, (pieces, n).
 
     And values at times `more`, for every call of the function has its price.
     """
-    at = np.concatenate([_nodes(), _between()])
+    at = np.concatenate([_nodes(count), _between(count)])
     times = (middle[:, None] + half[:, None] * at).ravel()
     found = function(np.concatenate([times, more]))
     inner, others = found[: len(times)].reshape(len(middle), len(at), -1), found[len(times) :]
-    values, wanted = inner[:, :_NODES], inner[:, _NODES:]
-    return values, np.abs(_interpolation() @ values - wanted).max(axis=1, initial=0.0), others
+    values, wanted = inner[:, :count], inner[:, count:]
+    return values, np.abs(_interpolation(count) @ values - wanted).max(axis=1, initial=0.0), others
 
 
 @cache
-def _angles() -> Array:
-    return np.asarray(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+def _angles(count: int) -> Array:
+    return np.asarray(np.pi * (np.arange(count) + 0.5) / count)
 
 
 @cache
-def _nodes() -> Array:
+def _nodes(count: int) -> Array:
     """Zeros of the Chebyshev polynomial."""
-    return np.asarray(np.cos(_angles()))
+    return np.asarray(np.cos(_angles(count)))
 
 
 @cache
-def _weights() -> Array:
+def _weights(count: int) -> Array:
     """Barycentric weights of the nodes."""
-    return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
+    return np.asarray(np.where(np.arange(count) % 2, -1.0, 1.0) * np.sin(_angles(count)))
 
 
 @cache
-def _between() -> Array:
+def _between(count: int) -> Array:
     """Points between the nodes."""
-    return np.asarray(np.cos(_angles()[:-1] + 0.5 * np.pi / _NODES))
+    return np.asarray(np.cos(_angles(count)[:-1] + 0.5 * np.pi / count))
 
 
 @cache
-def _interpolation() -> Array:
+def _interpolation(count: int) -> Array:
     """Values at the nodes to those between them, shape (nodes - 1, nodes)."""
-    W = _weights() / (_between()[:, None] - _nodes())
+    W = _weights(count) / (_between(count)[:, None] - _nodes(count))
     return np.asarray(W / W.sum(axis=1, keepdims=True))
