@@ -173,6 +173,7 @@ def _row(bl: Array, derivative: int, xi: float) -> Array:
 
 
 BENDING = ("v", "w")
+_KEPT = 64  # sets of places of a family
 # Hermite order of a bending field -> order of the torsion and the axial field that go with it.
 _COMPANIONS = {
     "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
@@ -241,8 +242,21 @@ class Family:
     shear: bool = False
 
     def evaluate(self, x: Array) -> Functions:
-        """Values, derivatives, rotations and curvatures at x (m), shape (nx,)."""
-        return self.function(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+        """Values, derivatives, rotations and curvatures at x (m), shape (nx,); not to be changed.
+
+        Kept: whatever is made of a beam asks for the same places.
+        """
+        x = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        kept, at = vars(self).setdefault("_kept", {}), x.tobytes()
+        if at not in kept:
+            if len(kept) >= _KEPT:
+                kept.clear()
+            kept[at] = self.function(x)
+        found: Functions = kept[at]
+        return found
+
+    def __getstate__(self) -> dict[str, object]:
+        return {key: value for key, value in vars(self).items() if key != "_kept"}
 
 
 def hermite(
@@ -292,6 +306,7 @@ def _element(kind: str, size: float, bending: bool, shear_ratio: float) -> tuple
     return value, _derivative(value, size) if bending else value
 
 
+@lru_cache(maxsize=64)
 def polynomial(
     length: float,
     n: int,
@@ -341,7 +356,7 @@ def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> F
     """Linear recombination f @ T of a family."""
     m = T.shape[1]
     labels = names or tuple(str(k + 1) for k in range(m))
-    function = partial(_combined, function=family.function, T=T)
+    function = partial(_combined, family=family, T=T)
     return Family(m, family.length, family.breaks, family.gauss, labels, function, family.shear)
 
 
@@ -379,8 +394,8 @@ def _modal_functions(x: Array, modes: Modes, bending: bool) -> Functions:
     return Functions(f, df, df, modes.evaluate(x, 2)) if bending else Functions(f, df, f, df)
 
 
-def _combined(x: Array, function: Callable[[Array], Functions], T: Array) -> Functions:
-    F = function(x)
+def _combined(x: Array, family: Family, T: Array) -> Functions:
+    F = family.evaluate(x)
     f, df = F.f @ T, F.df @ T
     rot = df if F.rot is F.df else f if F.rot is F.f else F.rot @ T
     return Functions(f, df, rot, df if F.curv is F.df else F.curv @ T)

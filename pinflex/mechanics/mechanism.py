@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial, wraps
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -24,7 +24,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
-from pinflex.mechanics.evaluation.equations import Followed
+from pinflex.mechanics.evaluation.equations import Followed, share
 from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.masses import require_mass
 from pinflex.mechanics.model.damping import with_damping
@@ -51,6 +51,11 @@ from pinflex.text import short
 
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
 _LOOK = 100
+# Keys of a description that say nothing of how the rigid mechanism is closed.
+_APART = (
+    *("yaml_text", "share", "control", "motion", "flexible", "system_damping", "solve", "limit"),
+    *("allow", "notes"),
+)
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -72,6 +77,7 @@ class Mechanism:
         flexible_report: The same of the flexible one.
         idle: Freedoms that need no motor (see `pinflex.mechanics.freedoms`).
         own: Bodies of flexible links that `load` was given.
+        origin: What loading found that others of the same robot may have too.
     """
 
     description: Description
@@ -85,6 +91,7 @@ class Mechanism:
     flexible_report: LoopReport
     idle: Idle = field(default_factory=Idle)
     own: Mapping[str, FlexibleBody] = field(default_factory=dict)
+    origin: _Loading | None = field(default=None, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -141,7 +148,10 @@ class Mechanism:
 
     @public
     def with_(self, *changes: str | Mapping[str, object]) -> Mechanism:
-        """The mechanism of the same files with other values in the YAML, loaded anew.
+        """The mechanism of the same files with other values in the YAML.
+
+        The same as `load` with these overrides, in less time: the robot's file, the rigid mechanism
+        and its motion are this one's, where the changes do not touch them.
 
             stiffer = robot.with_({"flexible.*.section.thickness": 3e-3}, "solve.dt=1e-4")
 
@@ -149,7 +159,13 @@ class Mechanism:
             *changes: Mappings from key path to value, or texts "key.path=value"; a segment may be
                 a glob, see `load`.
         """
-        return load(self.description, assignments(*changes), self.own)
+        return self.described(self.description.with_overrides(assignments(*changes)))
+
+    def described(self, description: Description) -> Mechanism:
+        """The mechanism of another description, with all of this one that the two share."""
+        found = _Loading(description, self.own, self.origin).mechanism()
+        share(self, found)
+        return found
 
     def _repr_html_(self) -> str:
         links = ", ".join(self.parts) or "none"
@@ -251,18 +267,36 @@ def takes_model(
 
 
 class _Loading:
-    """One mechanism on its way: what its rigid, coarse and final models have in common."""
+    """One mechanism on its way: what its rigid, coarse and final models have in common.
 
-    def __init__(self, description: Description, own: Mapping[str, FlexibleBody]) -> None:
+    Attributes:
+        model, links: Of the robot's file; not changed.
+        assembled: The rigid system, once it is closed.
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        own: Mapping[str, FlexibleBody],
+        like: _Loading | None = None,
+    ) -> None:
+        """`like`: another one, whose model, links and rigid system serve where they are the same."""
         self.description, self.own = description, own
-        self.model = model_of(description)
-        pairs = [(one.joint, one.leader) for one in description.couplings]
-        self.coupled = {name for pair in pairs for name in pair if name is not None}
-        self.links = link_tree(self.model, description.joints, self.coupled)
-        require_size(self.links, description.urdf_name, description.allow)
         self.gravity = np.array(description.gravity, float)
         self.needed = _needed_frames(description)
         self.geared = frozenset(elastic(description.joints))
+        self.assembled: Assembled | None = None
+        pairs = [(one.joint, one.leader) for one in description.couplings]
+        self.coupled = {name for pair in pairs for name in pair if name is not None}
+        if like is not None and _closes_alike(description, like.description):
+            self.model, self.links, self.assembled = like.model, like.links, like.assembled
+        else:
+            self.model = model_of(description)
+            self.links = link_tree(self.model, description.joints, self.coupled)
+        require_size(self.links, description.urdf_name, description.allow)
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        return type(None), ()  # found again where it is needed
 
     def mechanism(self) -> Mechanism:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
@@ -270,7 +304,7 @@ class _Loading:
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
         parts = self.parts(coarse=coarse)
         tree = self.tree(parts)
-        rigid = self.rigid(tree, parts)
+        rigid = self.about(tree, parts)
         if not parts and not self.geared:
             return self._done(parts, rigid, *_with_elastic_joints(rigid))
         flexible, report = self.flexible(parts, rigid)
@@ -281,11 +315,7 @@ class _Loading:
             if coarse or any(out.values()):
                 parts = self.parts(out)
                 tree = self.tree(parts)
-                if rigid.system.closed.contacts:  # a sleeve knows the beam that it is on
-                    rigid = self.rigid(tree, parts)
-                else:  # the same joints, other masses at most
-                    system = replace(rigid.system, rigid=tree.model, expansion=tree)
-                    rigid = replace(rigid, system=system)
+                rigid = self.about(tree, parts)
                 flexible, report = self.flexible(parts, rigid)
         report = replace(
             report,
@@ -328,6 +358,16 @@ class _Loading:
         add_rotors(tree.model, self.description)
         return tree
 
+    def about(self, tree: Expansion, parts: Mapping[str, FlexiblePart]) -> Assembled:
+        """The rigid system of a tree: one that is known, where masses at most are others."""
+        known = self.assembled
+        if known is None or known.system.closed.contacts:  # a sleeve knows the beam that it is on
+            self.assembled = self.rigid(tree, parts)
+        else:
+            system = replace(known.system, rigid=tree.model, expansion=tree)
+            self.assembled = replace(known, system=system)
+        return self.assembled
+
     def rigid(self, tree: Expansion, parts: Mapping[str, FlexiblePart]) -> Assembled:
         """The rigid system, closed at home."""
         motors = motor_rows(self.description, tree.model)
@@ -357,7 +397,7 @@ class _Loading:
         names = coordinate_names(rigid.system.rigid)
         return Mechanism(
             self.description, Records(self.links), parts, rigid.system, flexible, rigid.home, names,
-            rigid.report, report, rigid.idle, self.own,
+            rigid.report, report, rigid.idle, self.own, self,
         )  # fmt: skip
 
 
@@ -366,6 +406,13 @@ def _with_elastic_joints(rigid: Assembled) -> tuple[System, LoopReport]:
     system, held = rigid.system, rigid.idle.held
     elastic = len(system.held) > len(held)
     return (replace(system, held=held) if elastic else system), rigid.report
+
+
+def _closes_alike(a: Description, b: Description) -> bool:
+    """Whether two descriptions have the same joints and loops, and links that deform."""
+    keys = (x.name for x in fields(a) if x.name not in _APART)
+    deform = bool(a.flexible) and bool(b.flexible)  # else the rigid tree may be Pinocchio's own
+    return deform and all(getattr(a, key) == getattr(b, key) for key in keys)
 
 
 def _size(spec: FlexibleLink) -> int:

@@ -16,7 +16,6 @@ from pinflex.description.description import Description, read
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.parameters import assignments
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.evaluation.equations import share
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.columns import Columns, column
@@ -187,9 +186,8 @@ class _Solved:
         return _Solved, (self._description, self._level, self._wanted)
 
     def __call__(self, case: Case) -> dict[str, Any]:
-        mechanism = load(self._description.with_overrides(assignments(case)))
-        if self._last is not None:
-            share(self._last, mechanism)
+        changed = self._description.with_overrides(assignments(case))
+        mechanism = load(changed) if self._last is None else self._last.described(changed)
         self._last = mechanism
         return scene_outputs(mechanism, self._level, self._wanted)
 

@@ -24,7 +24,6 @@ from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.reading.parameters import Parameter, parameters
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.mechanics.evaluation.equations import share
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.results.result import Result
@@ -50,9 +49,7 @@ class Variants:
 
     def at(self, values: Mapping[str, float]) -> Mechanism:
         """The robot with other values of some parameters, by their keys."""
-        found = load(self.described(values))
-        share(self.base, found)
-        return found
+        return self.base.described(self.described(values))
 
     def described(self, values: Mapping[str, float]) -> Description:
         """The description with other values of some parameters, by their keys."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,7 @@ _ALONG = {
     "PrismaticUnaligned": SLIDE,
 }
 _PREFIX = "JointModel"
+_PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
 # another record, may be a term that the kernel lacks.
 KNOWN: dict[type, frozenset[str]] = {
@@ -194,30 +196,39 @@ def uncovered(system: System) -> str | None:
 
 def _unknown(value: object, seen: set[int]) -> str | None:
     """A record, or a field of one, that is not in `KNOWN`, of all that a value is made of."""
-    if id(value) in seen:
+    kind = type(value)
+    if kind in _PLAIN or id(value) in seen:
         return None
     seen.add(id(value))
     parts: Iterable[object] = ()
     if is_dataclass(value):
-        names = [field.name for field in fields(value)]
-        known = KNOWN.get(type(value))
+        names, known = _names(kind), KNOWN.get(kind)
         if known is None or not known.issuperset(names):
             new = sorted(set(names) - (known or set()))
-            return f"{type(value).__name__}.{new[0]}" if known is not None else type(value).__name__
-        parts = (getattr(value, name) for name in names)
+            return f"{kind.__name__}.{new[0]}" if known is not None else kind.__name__
+        parts = [getattr(value, name) for name in names]
     elif isinstance(value, Mapping):
         parts = value.values()
     elif isinstance(value, tuple | list):
         parts = value
-    return next((found for part in parts if (found := _unknown(part, seen))), None)
+    for part in parts:
+        found = _unknown(part, seen)
+        if found is not None:
+            return found
+    return None
+
+
+@cache
+def _names(record: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(record))
 
 
 def node_of_joints(system: System) -> IntArray:
     """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
-    return _numbered(system.expansion.model, _tree(system)[0])
+    return _numbered(system.expansion.model, system.sorted_joints[0])
 
 
-def _tree(system: System) -> tuple[list[int], list[int], list[int]]:
+def sorted_joints(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     used = system.closed.joints | set(_loaded(system.loads))
     used |= {int(joint) for joint in system.added.joints} | set(system.looked_at)
@@ -233,7 +244,7 @@ def _numbered(model: pin.Model, nodes: list[int]) -> IntArray:
 def tables(system: System) -> Tables:
     """Tables of a covered system."""
     model, expansion, closed = system.expansion.model, system.expansion, system.closed
-    nodes, points, twists = _tree(system)
+    nodes, points, twists = system.sorted_joints
     node_of = _numbered(model, nodes)
     nv_rigid = int(system.rigid.nv)
     arrays: dict[str, Any] = {
@@ -273,7 +284,7 @@ def _loaded(loads: Loads) -> list[int]:
 
 def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
-    nodes, points, twists = [], [], []
+    nodes, points, twists, armature = [], [], [], model.armature
     for j in range(1, int(model.njoints)):
         if len(model.children[j]) or j in used:
             nodes.append(j)
@@ -281,7 +292,8 @@ def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], lis
         name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
         rest = xy, xz, yy, yz, zz
-        light = not model.armature[_row(model, j) : _row(model, j) + int(model.nvs[j])].any()
+        row = model.idx_vs[j]
+        light = not armature[row : row + model.nvs[j]].any()
         if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
             points.append(j)
         elif name == "RX" and light and not any((inertia.mass, *rest)):

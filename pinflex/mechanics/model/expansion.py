@@ -277,7 +277,7 @@ class _Assembler:
         for k, inertia in enumerate(body.It):
             name = f"twist {self.model.njoints}"
             joint = self.model.addJoint(root.joint, pin.JointModelRX(), root.placement, name)
-            rows[k] = self.model.joints[joint].idx_v
+            rows[k] = self.model.idx_vs[joint]
             G = None if body.G_t is None else body.G_t[k : k + 1]
             self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)
             tensor = np.diag([float(inertia), 0.0, 0.0])
@@ -306,23 +306,22 @@ class _Assembler:
         """Rotations z, y, x of a section: only the ones that move become joints."""
         for direction, turn in enumerate(_TURNS):
             curve = None if G is None else G[direction]
-            if not np.any(Phi[direction]) and (curve is None or not np.any(curve)):
+            if not Phi[direction].any() and (curve is None or not curve.any()):
                 continue
             name = f"turn {self.model.njoints}"
             joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
-            row = self.model.joints[joint].idx_v
             bend = None if curve is None else curve[None]
-            self._map(slot, np.array([row]), Phi[direction][None], bend)
+            self._map(slot, self._rows(joint), Phi[direction][None], bend)
         return joint
 
     def _rows(self, joint: int) -> IntArray:
-        start = self.model.joints[joint].idx_v
-        return np.arange(start, start + self.model.joints[joint].nv)
+        start = self.model.idx_vs[joint]
+        return np.arange(start, start + self.model.nvs[joint])
 
     def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
-        for k, row in enumerate(rows):
-            curve = G[k] if G is not None and np.any(G[k]) else None
-            self.maps[slot].append((int(row), Phi[k], curve))
+        for k, row in enumerate(rows.tolist()):
+            curve = G[k] if G is not None and G[k].any() else None
+            self.maps[slot].append((row, Phi[k], curve))
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:

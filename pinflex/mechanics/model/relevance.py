@@ -139,6 +139,18 @@ class _Look:
         self.scale[stiff] = 1.0 / np.sqrt(np.diag(self.K)[stiff])
         s, free = self.scale[system.free], system.free
         self._Z = s[:, None] * null_space(self.J[:, free] * s)
+        every = [
+            ((slot.link, direction), slot.eta.start + at.start, slot.eta.start + at.stop)
+            for slot in system.expansion.slots
+            for direction, at in slot.body.slices.items()
+            if at.stop > at.start
+        ]
+        self._keys, self._starts = [key for key, _, _ in every], [first for _, first, _ in every]
+        # stiffness of each deformation by itself, of elastic rows
+        self._apart = np.zeros((system.n_eta, system.n_eta))
+        for _, first, last in every:
+            at = slice(self.n + first, self.n + last)
+            self._apart[first:last, first:last] = self.K[at, at]
         w, V = np.linalg.eigh(self._Z.T @ self.K[np.ix_(free, free)] @ self._Z)
         firm = w > _LOOSE * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
         self._V = self._Z @ V[:, firm] / np.sqrt(w[firm])
@@ -170,13 +182,11 @@ class _Look:
     def mutual(self, one: Array, other: Array) -> dict[Key, float]:
         """What each deformation has in one' K other."""
         found: dict[Key, float] = {}
-        for slot in self.system.expansion.slots:
-            start = self.n + slot.eta.start
-            for direction, at in slot.body.slices.items():
-                rows = slice(start + at.start, start + at.stop)
-                key = (slot.link, direction)
-                part = float(one[rows] @ self.K[rows, rows] @ other[rows])
-                found[key] = found.get(key, 0.0) + part
+        if not self._keys:
+            return found
+        parts = np.add.reduceat(one[self.n :] * (self._apart @ other[self.n :]), self._starts)
+        for key, part in zip(self._keys, parts.tolist(), strict=True):
+            found[key] = found.get(key, 0.0) + part
         return found
 
     def jacobian(self, place: Attachment) -> Array:

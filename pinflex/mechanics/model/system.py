@@ -252,6 +252,13 @@ class System:
         return tables(self)
 
     @cached_property
+    def sorted_joints(self) -> tuple[list[int], list[int], list[int]]:
+        """Joints that are nodes of the kernel's tree, mass points at its leaves, and twists."""
+        from pinflex.mechanics.evaluation.kernel_tables import sorted_joints
+
+        return sorted_joints(self)
+
+    @cached_property
     def node_of_joints(self) -> IntArray:
         """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
         from pinflex.mechanics.evaluation.kernel_tables import node_of_joints
