@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from pinflex.solver.solve import recompute
     from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
+    from pinflex.studies.many import batch
     from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.study import Study, compare
@@ -140,6 +141,7 @@ __all__ = [
     "Voltage",
     "adept",
     "advise",
+    "batch",
     "check",
     "circle",
     "command",
@@ -283,6 +285,7 @@ _HOME = {
         "FrequencyResponse",
         "frequency_response",
     ),
+    "studies.many": ("batch",),
     "studies.pose_map": ("pose_map",),
     "studies.pose": ("platform_compliance",),
     "solver.solve": ("recompute",),

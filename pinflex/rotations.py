@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -88,7 +89,12 @@ def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
     """A rotation whose z (or x) axis is the given one, the identity where it can be."""
     if z is None and x is None:
         return np.eye(3)
-    k, wish = (2, z) if z is not None else (0, x)
+    return _axis_frame(2, tuple(z)) if z is not None else _axis_frame(0, tuple(x or ()))
+
+
+@lru_cache(maxsize=256)
+def _axis_frame(k: int, wish: tuple[float, ...]) -> Array:
+    """A rotation, not to be changed, whose axis k is the given one."""
     axis = np.array(wish, float) / np.linalg.norm(np.array(wish, float))
     helper = np.eye(3)[(k + 1) % 3]
     if abs(axis @ helper) > 0.9:
@@ -103,4 +109,6 @@ def axis_frame(z: Sequence[float] | None, x: Sequence[float] | None) -> Array:
     else:
         columns[(k + 2) % 3] = second
         columns[(k + 1) % 3] = np.cross(second, axis)
-    return np.column_stack(columns)
+    found = np.column_stack(columns)
+    found.setflags(write=False)
+    return found

@@ -6,6 +6,7 @@ The fields and their shapes are those of `Tables` in source/kernel.h, which says
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -59,7 +60,7 @@ class Tables:
             for name, shape in group.items():
                 array = np.ascontiguousarray(arrays[name], dtype=dtype)
                 self._arrays[name] = array
-                wanted = int(np.prod([self._size(part, sizes) for part in shape]))
+                wanted = math.prod(self._size(part, sizes) for part in shape)
                 if array.size != wanted:
                     raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
         self._check_indices(sizes)

@@ -34,8 +34,8 @@ def as_matrices(poses: Array) -> Array:
 
 def support(model: pin.Model, joint: int) -> Array:
     """1 for the velocity rows that move a joint, else 0, shape (nV,)."""
-    found = np.zeros(int(model.nv))
-    for above in list(model.supports[joint])[1:]:  # the first is the world
-        step = model.joints[above]
-        found[step.idx_v : step.idx_v + step.nv] = 1.0
+    found, rows, counts = np.zeros(int(model.nv)), model.idx_vs, model.nvs
+    while joint:  # 0 is the world
+        found[rows[joint] : rows[joint] + counts[joint]] = 1.0
+        joint = model.parents[joint]
     return found

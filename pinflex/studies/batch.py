@@ -58,8 +58,9 @@ def run(
     journal: str | Path | None = None,
     fresh: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    pickles: bool = True,
 ) -> dict[str, Record]:
-    """The record of every case, by its key.
+    """The record of every case, by its key; `pickles`: whether cases may travel to processes.
 
     Raises:
         DescriptionError: The journal cannot be written or is in use; no such scheduler.
@@ -73,7 +74,7 @@ def run(
         records = _kept(stream, cases)
         left = [key for key in cases if key not in records]
         todo = [cases[key] for key in left]
-        ready = answers(partial(_outcome, work), todo, jobs, scheduler)
+        ready = answers(partial(_outcome, work), todo, jobs, scheduler, pickles)
         try:
             for ended, (number, answer) in enumerate(ready, 1):
                 record = Record({}, answer.reason) if isinstance(answer, Lost) else answer

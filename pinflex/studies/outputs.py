@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from pinflex.advice.solve import solve
@@ -47,8 +48,11 @@ def scene_outputs(
     wanted: Iterable[str] = OUTPUTS,
     rigid: Result | None = None,
     beside: Beside = lambda run, rigid: {},
+    options: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
+
+    `options`: arguments of `solve`.
 
     Returns:
         torque.peak.MOTOR, torque.rms.MOTOR (N m | N); deviation.position (m) and .rotation (rad):
@@ -61,9 +65,9 @@ def scene_outputs(
     groups = set(wanted)
     found: dict[str, Any] = {}
     if groups - {"frequency"}:
-        run = solve(mechanism, level=level, asked=_asked(mechanism, groups))
+        run = solve(mechanism, level=level, **{"asked": _asked(mechanism, groups), **options})
         if "deviation" in groups and rigid is None:
-            rigid = _rigid(mechanism, run)
+            rigid = _rigid(mechanism, run, options)
         found = _of_run(mechanism, run, groups, rigid) | dict(beside(run, rigid))
     if "frequency" in groups:
         frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
@@ -98,12 +102,13 @@ def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
     return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
 
 
-def _rigid(mechanism: Mechanism, run: Result) -> Result | None:
+def _rigid(mechanism: Mechanism, run: Result, options: Mapping[str, Any]) -> Result | None:
     """The rigid run at the same instants; none for a rigid run, or if the motors do not fix it."""
     if run.level == "rigid" or mechanism.description.platform is None:
         return None
     try:
-        return solve(mechanism, level="rigid")
+        same = {key: options[key] for key in ("motion", "until", "samples") if key in options}
+        return solve(mechanism, level="rigid", **same)
     except SceneError:
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ import numpy as np
 from pinflex.boundary import public
 from pinflex.description.description import Description, read
 from pinflex.description.reading import schema, yaml_text
-from pinflex.description.reading.parameters import assignments
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.mechanism import Mechanism
 from pinflex.progress import Progress, barred, callback
-from pinflex.results.columns import Columns, column
-from pinflex.studies.batch import Interrupted, Record, keys, run
-from pinflex.studies.outputs import OUTPUTS, check_outputs, prismatic, scene_outputs, unit
+from pinflex.results.columns import Columns
+from pinflex.studies.batch import Interrupted, keys, run
+from pinflex.studies.many import Solved, check_keys, table_of
+from pinflex.studies.outputs import OUTPUTS, check_outputs, prismatic
 from pinflex.writing import plain
 
 # Cases of a sweep: key paths into the YAML, the values they take, and how these combine.
@@ -112,9 +112,6 @@ def combined(parameters: Mapping[str, list[Any]], paired: bool = False) -> list[
     return [dict(zip(parameters, row, strict=True)) for row in rows]
 
 
-_TRIED = 100  # cases, spread over all, before a sweep is refused because none can be read
-
-
 @public
 @barred
 def sweep(
@@ -160,36 +157,19 @@ def sweep(
     description = described(model)
     groups = check_outputs(outputs, level)
     cases = combined(listed(parameters, f"{description.name}: sweep"), paired)
-    _check_keys(description, cases)
+    check_keys(description, cases)
     named = keys(description, cases, level, groups)
     slides = prismatic(description)
     try:
         records = run(
-            _Solved(description, level, groups), dict(zip(named, cases, strict=True)),
+            Solved(description, level, groups), dict(zip(named, cases, strict=True)),
             jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh,
             progress=callback(progress),
         )  # fmt: skip
     except Interrupted as stop:
-        stop.table = _table(named, cases, stop.records, slides)
+        stop.table = table_of(named, cases, stop.records, slides)
         raise
-    return _table(named, cases, records, slides)
-
-
-class _Solved:
-    """The outputs of one case after the other; what its rigid joints do alike is found once."""
-
-    def __init__(self, description: Description, level: str | None, wanted: Sequence[str]) -> None:
-        self._description, self._level, self._wanted = description, level, wanted
-        self._last: Mechanism | None = None
-
-    def __reduce__(self) -> tuple[type[_Solved], tuple[Any, ...]]:
-        return _Solved, (self._description, self._level, self._wanted)
-
-    def __call__(self, case: Case) -> dict[str, Any]:
-        changed = self._description.with_overrides(assignments(case))
-        mechanism = load(changed) if self._last is None else self._last.described(changed)
-        self._last = mechanism
-        return scene_outputs(mechanism, self._level, self._wanted)
+    return table_of(named, cases, records, slides)
 
 
 def described(model: str | Path | Description | Mechanism) -> Description:
@@ -197,43 +177,3 @@ def described(model: str | Path | Description | Mechanism) -> Description:
     if isinstance(model, Mechanism):
         return model.description
     return model if isinstance(model, Description) else read(model)
-
-
-def _check_keys(description: Description, cases: Sequence[Case]) -> None:
-    """Refuse what no case can take, such as a key that does not exist, before anything runs.
-
-    One accepted case shows that the keys are right; single bad values fail in their own row.
-    """
-    first: DescriptionError | None = None
-    for case in cases[:: max(1, len(cases) // _TRIED)]:
-        try:
-            description.with_overrides(assignments(case))
-            return
-        except DescriptionError as error:
-            first = first or error
-    if first is not None:
-        raise first
-
-
-def _table(
-    named: Sequence[str],
-    cases: Sequence[Case],
-    records: Mapping[str, Record],
-    slides: frozenset[str],
-) -> Columns:
-    """Parameters, status, error and outputs of the cases that ended."""
-    pairs = zip(named, cases, strict=True)
-    ended = [(case, records[key]) for key, case in pairs if key in records]
-    names = _keys(record.found for _, record in ended)
-    arrays = {
-        name: column([case[name] for case, _ in ended]) for name in _keys(case for case, _ in ended)
-    }
-    arrays["status"] = column(["failed" if record.error else "done" for _, record in ended])
-    arrays["error"] = column([record.error for _, record in ended])
-    arrays |= {name: column([record.found.get(name) for _, record in ended]) for name in names}
-    return Columns(arrays, {name: unit(name, slides) for name in names if unit(name, slides)})
-
-
-def _keys(mappings: Iterable[Mapping[str, object]]) -> list[str]:
-    """Every key once, in the order of its first appearance."""
-    return list(dict.fromkeys(key for mapping in mappings for key in mapping))
