@@ -51,6 +51,7 @@ class Quintics:
     curve: Callable[[Array], tuple[Array, Array, Array]]
 
     def __call__(self, t: Array) -> MotorPath:
+        """Motion of the motors at times t (nt,)."""
         return MotorPath(t, *self.curve(t))
 
 

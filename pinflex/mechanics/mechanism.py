@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
+import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
@@ -280,7 +281,7 @@ class _Loading:
         own: Mapping[str, FlexibleBody],
         like: _Loading | None = None,
     ) -> None:
-        """`like`: another one, whose model, links and rigid system serve where they are the same."""
+        """`like`: another one, whose model, links and rigid system serve where they are equal."""
         self.description, self.own = description, own
         self.gravity = np.array(description.gravity, float)
         self.needed = _needed_frames(description)
@@ -288,6 +289,8 @@ class _Loading:
         self.assembled: Assembled | None = None
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
+        self.model: pin.Model
+        self.links: tuple[Link, ...]
         if like is not None and _closes_alike(description, like.description):
             self.model, self.links, self.assembled = like.model, like.links, like.assembled
         else:

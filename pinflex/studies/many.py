@@ -114,6 +114,7 @@ class Solved:
         return Solved, (self._description, self._level, self._outputs)
 
     def __call__(self, case: Given) -> dict[str, Any]:
+        """The outputs of a case, by name."""
         options = {key: value for key, value in case.items() if _is_option(key, value)}
         mechanism = self._mechanism(changes(case))
         level = options.pop("level", self._level)

@@ -196,7 +196,7 @@ def uncovered(system: System) -> str | None:
 
 def _unknown(value: object, seen: set[int]) -> str | None:
     """A record, or a field of one, that is not in `KNOWN`, of all that a value is made of."""
-    kind = type(value)
+    kind: type = type(value)
     if kind in _PLAIN or id(value) in seen:
         return None
     seen.add(id(value))

@@ -1,0 +1,133 @@
+"""Many cases in one call: their numbers, whoever computes them, and what fails in between."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.description.reading.parameters import assignments
+from pinflex.results.columns import Columns
+from pinflex.results.result import Result
+from pinflex.studies import many, pool
+from tests.cli.small import ARM_YAML, write_model
+
+ARM = "urdf: arm.urdf\ngravity: [0, -9.81, 0]\nactuated: [shoulder]\n"
+SMALL = {"until": 0.05, "samples": 6, "tol": 1e-2}
+
+
+@pytest.fixture(scope="module")
+def fourbar(tmp_path_factory: pytest.TempPathFactory) -> pf.Mechanism:
+    folder = tmp_path_factory.mktemp("many")
+    return pf.load(write_model(folder, "fourbar", [(", dt: 2.5e-4", "")]))
+
+
+def alike(a: Columns, b: Columns) -> bool:
+    return [*a] == [*b] and all(
+        np.array_equal(a[key], b[key], equal_nan=a[key].dtype.kind == "f") for key in a
+    )
+
+
+def test_a_pendulum_in_other_weights_and_motions(tmp_path: Path) -> None:
+    """tau = J q'' + S g cos q, with moments J and S of the masses of a rigid arm."""
+    arm = pf.load(write_model(tmp_path, "arm", [(ARM_YAML, ARM)]))
+    J = 1e-5 + 0.5 * 0.25**2 + 1e-4 + 0.5 * 0.5**2
+    S = 0.5 * 0.25 + 0.5 * 0.5
+    cases, peaks = [], []
+    for g in (0.0, 1.62, 9.81):
+        for angle, T in ((1.0, 0.5), (-0.6, 0.3)):
+            motion = pf.quintic(joints={"shoulder": angle}, duration=T)
+            cases.append({"gravity": [0, -g, 0], "motion": motion, "level": "rigid"})
+            u = np.linspace(0.0, 1.0, 401)
+            q = angle * (10 * u**3 - 15 * u**4 + 6 * u**5)
+            a = angle * (60 * u - 180 * u**2 + 120 * u**3) / T**2
+            peaks.append(np.abs(J * a + S * g * np.cos(q)).max())
+    table = pf.batch(arm, cases, threads=1)
+    # sums of numbers near one
+    np.testing.assert_allclose(table["torque.peak.shoulder"], peaks, rtol=1e-12)
+    assert table["case"].tolist() == [*range(6)] and table.units["torque.peak.shoulder"] == "N m"
+
+
+def test_by_how_many_they_are_divided_changes_no_bit(
+    fourbar: pf.Mechanism, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(1)
+    cases = [
+        {
+            "flexible.coupler.section.thickness": 5e-3 * rng.uniform(0.8, 1.2),
+            "motion.duration": 0.1 * rng.uniform(0.9, 1.1),
+            **SMALL,
+        }
+        for _ in range(5)
+    ]
+    cases += [SMALL, {"flexible.coupler.section.width": -1.0, **SMALL}, SMALL]
+    wanted = "torque", "deviation", "stress"
+    alone = pf.batch(fourbar, cases, outputs=wanted, threads=1)
+    assert alone["status"].tolist() == [*["done"] * 6, "failed", "done"]
+    assert "section.width: -1.0 is out of range" in alone["error"][6]
+    assert alone["torque.peak.motor"][5] == alone["torque.peak.motor"][7]
+    assert alike(pf.batch(fourbar, cases, outputs=wanted, threads=2), alone)
+    monkeypatch.setattr(pool, "can_fork", lambda: False)
+    threads = pf.batch(fourbar, cases, outputs=wanted, threads=3)
+    assert alike(threads, alone)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"flexible.coupler.section.thickness": 4e-3, "flexible.coupler.material.rho": 2600.0},
+        {"flexible.coupler.axial": True, "damping": {"rayleigh": [0.0, 1e-4]}},
+        {"gravity": [0.0, -5.0, 0.0]},
+        {"home": {"motor": 1.3, "elbow": -0.9, "pivot": 1.9}},
+        {"motion.joints.motor": 0.3},
+        {"joints": {"elbow": {"damper": 0.2}}},
+        {"flexible": {}, "solve.level": "rigid"},
+    ],
+)
+def test_what_two_mechanisms_share_changes_no_bit(
+    fourbar: pf.Mechanism, changes: dict[str, object]
+) -> None:
+    """A mechanism made of another one, and one made of the files alone."""
+    path = fourbar.description.path
+    assert path is not None
+    level = changes.get("solve.level", "coupled")
+    options = {**SMALL, "level": level} if level == "coupled" else {"until": 0.05, "samples": 6}
+    fresh = pf.solve(pf.load(path, assignments(changes)), **options)
+    again = pf.solve(fourbar.with_(changes), **options)
+    for key in ("torque", "joint/q", "joint/v"):
+        np.testing.assert_array_equal(again.array(key), fresh.array(key))
+
+
+def test_a_measure_of_ones_own_and_starts(fourbar: pf.Mechanism) -> None:
+    """Starts off equilibrium: the run begins where it is told to."""
+    y = fourbar.undeformed()
+    starts = []
+    for bend in (0.0, 1e-5):
+        moved = y.copy()
+        moved[-1] = bend
+        starts.append((moved, np.zeros(fourbar.flexible.nv)))
+
+    def first(run: Result) -> dict[str, float]:
+        return {"bend": float(run.array("eta")[0, -1])}
+
+    table = pf.batch(fourbar, [{"start": x, **SMALL} for x in starts], outputs=first, threads=1)
+    assert table["bend"].tolist() == [0.0, 1e-5]
+
+
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        ({"cases": []}, "no case"),
+        ({"cases": [3]}, "case 0: int is no case"),
+        ({"cases": [{"flexible.coupler.sektion": 1}]}, "section"),
+        ({"cases": [{}], "threads": 0}, "threads: 0"),
+        ({"cases": [{}], "outputs": ["torques"]}, "torque"),
+    ],
+)
+def test_what_no_case_can_take_is_said_at_once(
+    fourbar: pf.Mechanism, given: dict[str, object], said: str
+) -> None:
+    with pytest.raises(pf.DescriptionError, match=said):
+        many.batch(fourbar, **given)  # type: ignore[arg-type]
