@@ -31,6 +31,7 @@ from pinflex.mechanics.model.slider import sleeves
 from pinflex.mechanics.model.system import Springs, System, joint_friction
 from pinflex.mechanics.model.tree import joint_springs
 from pinflex.mechanics.reference.placing import Placing
+from pinflex.text import brief
 
 # What the rigid mechanism holds beside its motors: elastic joints, idle freedoms, a free base.
 
@@ -157,6 +158,8 @@ class Assembled:
         ground: Places in the world of loops that are held there, by loop.
         misfit: What makes loops fit that are open at home.
     """
+
+    __repr__ = brief
 
     system: System
     home: Array
