@@ -33,7 +33,7 @@ from pinflex.integrators.run import Run
 from pinflex.levels.outputs import STILL, Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
-from pinflex.mechanics.mechanism import Mechanism, load, takes_model
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.verdict import BAND, TOL, platform_allowed
 from pinflex.solver.scene import Scene
@@ -274,7 +274,7 @@ class _Study:
         what = " and ".join(key.replace("_", " ") for key in keys)
         try:
             off = [f"flexible.{link}.{key}=false" for link, key in terms]
-            less, like = load(self.rich.description.with_overrides(off)), self.probe
+            less, like = self.rich.with_(*off), self.probe
             probe = Probe(less, self.motion, like.end, like.static, like.steps - 1, like)
             run = probe.nonlinear(probe.marched(1)[1])
         except (PinflexError, np.linalg.LinAlgError):
@@ -290,7 +290,7 @@ class _Study:
         if finer is None:
             return found
         try:
-            model = load(mechanism.description.with_overrides(list(found.overrides)))
+            model = mechanism.with_(*found.overrides)
             apart = error_bars.differences(self._look(model, level), finer)
             self._tell(4, _LOOKS)
             error = error_bars.covering(found.error, apart)
@@ -300,7 +300,7 @@ class _Study:
                 return replace(found, error=error)
             if used(found.error) > _WORTH * used(error):
                 return replace(found, error=error)  # whatever segments mend, that is left
-            cut = load(model.description.with_overrides(list(more)))
+            cut = model.with_(*more)
             rest = error_bars.differences(self._look(cut, level), finer)
             # What two segments leave is a quarter to a third of what they mend.
             left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}

@@ -19,7 +19,7 @@ from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
-from pinflex.mechanics.mechanism import Mechanism, load
+from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.cost import per_body
 from pinflex.mechanics.model.parts import FlexiblePart, resolve
 
@@ -90,7 +90,7 @@ def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None
     if n <= LARGEST:
         parts = resolve(description, mechanism.links)
         n = sum(body.n for part in parts.values() for body in part.bodies)
-    return load(description) if n <= LARGEST else None, n
+    return mechanism.described(description) if n <= LARGEST else None, n
 
 
 def _least(mechanism: Mechanism, spec: FlexibleLink) -> int:

@@ -57,6 +57,7 @@ _APART = (
     *("yaml_text", "share", "control", "motion", "flexible", "system_damping", "solve", "limit"),
     *("allow", "notes"),
 )
+_ASKED = ("yaml_text", "share", "control", "system_damping", "solve", "notes")  # not of a model
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -164,7 +165,10 @@ class Mechanism:
 
     def described(self, description: Description) -> Mechanism:
         """The mechanism of another description, with all of this one that the two share."""
-        found = _Loading(description, self.own, self.origin).mechanism()
+        if self.origin is not None and _models_alike(self.description, description):
+            found = replace(self, description=description)
+        else:
+            found = _Loading(description, self.own, self.origin).mechanism()
         share(self, found)
         return found
 
@@ -245,7 +249,8 @@ def load(
     found = _Loading(description, bodies or {}).mechanism()
     if not damping:
         return found
-    return replace(found, flexible=with_damping(found.flexible, found.name, damping))
+    damped = with_damping(found.flexible, found.name, damping)
+    return replace(found, flexible=damped, origin=None)  # which other descriptions do not have
 
 
 def takes_model(
@@ -416,6 +421,14 @@ def _closes_alike(a: Description, b: Description) -> bool:
     keys = (x.name for x in fields(a) if x.name not in _APART)
     deform = bool(a.flexible) and bool(b.flexible)  # else the rigid tree may be Pinocchio's own
     return deform and all(getattr(a, key) == getattr(b, key) for key in keys)
+
+
+def _models_alike(a: Description, b: Description) -> bool:
+    """Whether two descriptions have the same model: what they ask to compute may differ."""
+    keys = (x.name for x in fields(a) if x.name not in _ASKED)
+    # the motion up to its end and speeds at the start tell what deforms
+    told = ((x.solve.until, x.solve.start_speeds) for x in (a, b))
+    return len({*map(str, told)}) == 1 and all(getattr(a, key) == getattr(b, key) for key in keys)
 
 
 def _size(spec: FlexibleLink) -> int:

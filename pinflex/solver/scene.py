@@ -33,7 +33,7 @@ from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import serves
-from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.cost import require_steps
 from pinflex.mechanics.model.loads import Loads
@@ -182,6 +182,7 @@ Progress = Callable[[int, int], None]
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
 _FEW_STAGES, _HELD_NEWTON = 4, 2e-6
+_STARTS = 4  # kept with a mechanism
 _AT_END = 1e-7  # of the run: a break so near its end is none
 _SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
@@ -470,7 +471,20 @@ class Scene:
 
     @cached_property
     def _start(self) -> Start:
-        """Found once, however often the scene is run."""
+        """Found once, however often the scene is run, and kept with its mechanism."""
+        if not isinstance(self.spec.start, str):
+            return self._found_start()
+        kept, spec = self.mechanism.followed.starts, self.spec
+        asked = spec.level == "rigid", spec.start, spec.drive, spec.start_speeds
+        for moved, like, start in kept:
+            if moved is self.motion and like == asked:
+                known: Start = start
+                return known
+        found = self._found_start()
+        Followed.keep(kept, (self.motion, asked, found), _STARTS)
+        return found
+
+    def _found_start(self) -> Start:
         dynamics = Equations(self._system)
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         driven = self.spec.drive == "torque"

@@ -65,6 +65,7 @@ class Followed:
             was asked before: they are never shared.
         solved: What was solved for them: (motion, nominal).
         paths: Of the motors between two times: (motion, (start, end), function of time).
+        starts: Of the flexible mechanism: (motion, how it is asked for, start); never shared.
     """
 
     __repr__ = brief
@@ -73,6 +74,7 @@ class Followed:
     nominals: list[Any] = field(default_factory=list)
     solved: list[Any] = field(default_factory=list)
     paths: list[Any] = field(default_factory=list)
+    starts: list[Any] = field(default_factory=list)
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
         return Followed, ()  # found again where it is needed
