@@ -29,6 +29,7 @@ from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
 from pinflex.results.result import Result
+from pinflex.text import brief
 
 # Newton iterations that `auto` spends on a load put on in parts: an equilibrium that is near takes
 # thirty, and without one nobody should wait.
@@ -46,6 +47,8 @@ class Start:
         kind: static, straight, run or state.
         said: A sentence where it is not what one would expect, or "".
     """
+
+    __repr__ = brief
 
     y: Array
     v: Array
