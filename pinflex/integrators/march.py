@@ -22,10 +22,12 @@ from pinflex.errors import ConvergenceError, MotionError, RunInterrupted, SceneE
 from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.compiled import Stages
+from pinflex.integrators.events import Events
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.problem import Problem, State
 from pinflex.integrators.run import Run
 from pinflex.kernel.march import (
+    EVENT,
     FULL,
     HOLDS,
     INPUTS,
@@ -206,6 +208,10 @@ class March:
         at.t, at.h, at.first = ends[0], first, first
         at.ceiling = at.refused = np.inf
         self._kernel.y[...], self._kernel.v[...] = start
+        self.events: Events | None = None
+        if problem.dynamics.system.kinks.rows:
+            self.events = Events(name, problem, radau.compiled.compiled.evaluator)
+            self.events.begin(self._kernel)
         self._start()
         self._origin, self.steps = self._point(), self._batch(0)
 
@@ -258,6 +264,10 @@ class March:
                     self._start()
                 elif end == SAMPLE:
                     self._hold()
+                elif end == EVENT and self.events is not None:
+                    self.events.met(self._kernel)
+                    at.follows = 0
+                    self._start()
                 elif at.tangents == 1:  # nobody judges: patience is for signals and progress
                     break
         finally:
@@ -422,7 +432,8 @@ def integrate(
     def run(stopped: str = "") -> Run:
         cost = march.cost()
         dt = (march.now.t - float(t[0])) / max(cost["steps"], 1.0)
-        return keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt}, stopped)
+        found = keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt}, stopped)
+        return found if march.events is None else _with_events(found, march.events)
 
     waiting = True  # whether the steps that are pending have yet to be recorded
     try:
@@ -477,6 +488,16 @@ def along(
     steps = len(ends) - 1
     settings = {**radau.settings, "dt": span / steps, "steps": "given"}
     return keeper.run({**march.cost(), "steps": float(steps)}, settings, "")
+
+
+def _with_events(run: Run, events: Events) -> Run:
+    """A run with its contacts, and the energy that bounces took."""
+    said = [event._asdict() for event in events.found]
+    cost, settings = {**run.cost, "events": float(len(said))}, {**run.settings, "events": said}
+    work = None if run.work is None else run.work.copy()
+    if work is not None:
+        work[:, 1] += events.losses(run.t)
+    return replace(run, cost=cost, settings=settings, work=work)
 
 
 def _stuck(name: str, now: State) -> ConvergenceError:

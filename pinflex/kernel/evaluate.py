@@ -110,6 +110,14 @@ class Evaluator:
         self.functions.pinflex_sleeves(*given, out.ctypes.data)
         return out
 
+    def elongations(self, Y: Array) -> Array:
+        """What laws of pieces are over, coordinates and springs, at Y (n, nq), shape (n, kinks)."""
+        (Y,) = self._given((Y,))
+        out = np.empty((len(Y), self.tables.counts["kinks"]))
+        given = self.tables.address, self.work, len(Y), Y.ctypes.data
+        self.functions.pinflex_elongations(*given, out.ctypes.data)
+        return out
+
     def poses(self, Y: Array, nodes: npt.ArrayLike) -> Array:
         """Poses [R | p] of nodes in the world, m, shape (k, n, 3, 4)."""
         given, wanted = self._given((Y,)), self._nodes(nodes, -1)

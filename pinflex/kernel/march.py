@@ -18,8 +18,8 @@ from pinflex.kernel.header import constant, structure
 from pinflex.kernel.stages import Block, StageKernel
 
 _March, _Steps, _Inputs = (structure(name) for name in ("March", "Steps", "Inputs"))
-FULL, INPUTS, START, STUCK, PAUSED, SAMPLE = (
-    constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED", "SAMPLE")
+FULL, INPUTS, START, STUCK, PAUSED, SAMPLE, EVENT = (
+    constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED", "SAMPLE", "EVENT")
 )
 RESTARTS, HOLDS, ON = (constant(name) for name in ("RESTARTS", "HOLDS", "ON"))
 MOST_STAGES = constant("MOST_STAGES")
@@ -91,6 +91,7 @@ class MarchKernel:
         tangents: M, C, K and J of each tangent, flat.
         y, v, a, lam, torque: The state that the next step starts from.
         input: Inputs of the stages, shape (s, columns), where they are given.
+        piece, hit: Of laws of pieces, that each is in, and the speed it came there with, (kinks,).
         size: Of all arrays in bytes.
     """
 
@@ -111,7 +112,8 @@ class MarchKernel:
         }  # fmt: skip
         of_steps = Block({name: (steps, *shapes[name]) for name in _NUMBERS}, {})
         integers = Block(
-            dict.fromkeys(_INTEGERS, (steps,)) | {"start_pivot": (2 * size,)},
+            dict.fromkeys(_INTEGERS, (steps,))
+            | {"start_pivot": (2 * size,), "piece": (n["kinks"],)},
             {"measured_at": given.measured, "kind": given.kind}, np.int64,
         )  # fmt: skip
         # One tangent more for starts.
@@ -119,6 +121,7 @@ class MarchKernel:
             "tangent_at": (tangents + 1, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
             "start_lu": (2 * size + 1, size), "start_x": (2 * size + nv + rows,),
             "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
+            "hit": (n["kinks"],), "placed": (s + 1, nq), "x": (s + 1, n["kinks"]),
         }  # fmt: skip
         weight = np.zeros((count, count)) if given.weight is None else given.weight
         values = {"stop_at": np.array(given.stops, dtype=float), "weight": weight}
@@ -130,9 +133,9 @@ class MarchKernel:
         at = numbers.arrays
         self.tangents, self.input = at["tangent_at"], at["input"]
         self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
-        pointers = numbers.addresses | {
-            name: integers.addresses[name] for name in ("measured_at", "kind", "start_pivot")
-        }
+        self.piece, self.hit = self.integers["piece"], at["hit"]
+        own = ("measured_at", "kind", "start_pivot", "piece")
+        pointers = numbers.addresses | {name: integers.addresses[name] for name in own}
         self.at = _March(
             capacity=capacity, tangents=tangents, stops=len(given.stops), measured=count,
             by_mass=int(given.weight is None), stale=1, stages=stages.address,

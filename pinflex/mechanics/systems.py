@@ -21,6 +21,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame
 from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
+from pinflex.mechanics.kinks import kinks
 from pinflex.mechanics.misfit import Misfit
 from pinflex.mechanics.model.cost import require_workspace
 from pinflex.mechanics.model.damping import link_damping, rows_of
@@ -197,6 +198,7 @@ def rigid_system(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
         friction=joint_friction(description, model),
         added=added_masses(description.added_masses, tree.frames),
+        kinks=kinks(description, model, None),
     )  # fmt: skip
     system = replace(system, closed=_with_lengths(system, guess))
     dynamics = Equations(system)
@@ -309,6 +311,7 @@ def flexible_system(
     system = System(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
         rigid.friction, added_masses(description.added_masses, expansion.frames),
+        kinks(description, rigid.rigid, expansion),
     )  # fmt: skip
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))

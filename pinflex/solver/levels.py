@@ -33,8 +33,11 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
     """
     spec = scene.spec
     _require_one_answer(scene)
-    if spec.tol is not None:
-        return solve_to_tolerance(scene, t, spec.tol, progress)
+    tol = spec.tol
+    if scene.bends:
+        tol = _to_meet_contacts(scene)
+    if tol is not None:
+        return solve_to_tolerance(scene, t, tol, progress)
     dt = spec.dt if spec.dt is not None else default_step(scene.mechanism, float(t[-1]))
     try:
         return scene.stepped(t, dt, progress)
@@ -45,6 +48,23 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
         said = f"friction stops joints, which equal steps do not pass ({str(error).split(': ')[0]})"
         words = f"{said}: solved with steps that follow the motion, tol = {_STICTION:g}."
         return replace(run, warnings=(*run.warnings, words))
+
+
+def _to_meet_contacts(scene: Scene) -> float | None:
+    """The tolerance of a run with contacts: equal steps would not end at them."""
+    spec, where = scene.spec, scene.mechanism.name
+    if scene.linear:
+        raise DescriptionError(
+            f"{where}: level ked is linear, and backlash, stops, tables and cables are not. Take "
+            "level coupled."
+        )
+    free = spec.tol is not None or spec.dt is None
+    if scene.mechanism.flexible.kinks.rigid and not (free and scene.on_kernel):
+        raise DescriptionError(
+            f"{where}: a stop with `restitution` is met at an instant, which steps of dt, and runs "
+            "without the compiled kernel, do not end at. Give `tol`, or the stop `stiffness`."
+        )
+    return (spec.tol or _STICTION) if free else None
 
 
 def rigid(scene: Scene, t: Array, progress: Progress | None = None) -> Run:

@@ -446,6 +446,11 @@ class Scene:
         return self.mechanism.flexible.sticks(self.spec.drive == "prescribed")
 
     @property
+    def bends(self) -> bool:
+        """Whether laws of pieces act: steps end where they bend."""
+        return bool(self._system.kinks.rows)
+
+    @property
     def sampled(self) -> bool:
         """Whether a digital controller acts: its steps end at its instants."""
         return self.control is not None and self.control.period is not None

@@ -52,7 +52,7 @@ def solve_to_tolerance(scene: Scene, t: Array, tol: float, progress: Progress | 
         return by_step_halving(scene, t, tol, progress)
     if not scene.on_kernel:
         return by_plain_steps(scene, t, tol, progress)
-    if scene.sticks or scene.sampled:
+    if scene.sticks or scene.sampled or scene.bends:
         return by_refinement(scene, t, tol, progress)
     return in_one_run(scene, t, tol, progress)
 
@@ -67,16 +67,17 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
     every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
-    to rest finer steps may bring nothing: there the run may be off by all that the two differ by,
-    and what the first step of a pilot misses would show as that.
+    to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by all that
+    the two differ by, and what the first step of a pilot misses would show as that.
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:
         finer = max(round(np.log(first / resolution) / np.log(_FINER)), 0)
-        pilot = coarser is None and not scene.sticks
+        pilot = coarser is None and not abrupt
         return scene.resolved(t, resolution, progress, coarser, pilot, finer)
 
-    first, gain = (_STICKING * tol, 1.0) if scene.sticks else (8.0 * tol, 3.0)
+    abrupt = scene.sticks or scene.bends
+    first, gain = (_STICKING * tol, 1.0) if abrupt else (8.0 * tol, 3.0)
     return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
 
 

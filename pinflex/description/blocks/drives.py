@@ -5,7 +5,8 @@ A drive is a motor of inertia J_m behind a gear of ratio n, and between gear and
     joint angle = motor angle / n + eta,     torque on the link = -(K eta + D deta/dt)
 
 The motor's inertia n^2 J_m turns with the motor angle over n; that the rotor also turns with the
-link that carries it is left out, as usual for large n. Backlash is left out too.
+link that carries it is left out, as usual for large n. With backlash b the spring is slack, and its
+damper idle, where |eta| < b / 2.
 Source: Spong (1987), J. Dyn. Syst. Meas. Control 109, assumption A1; Siciliano & Khatib, Handbook
 of Robotics, ch. 11; friction: Armstrong-Helouvry, Dupont & Canudas de Wit (1994), Automatica 30.
 """
@@ -24,7 +25,7 @@ SPEED = 1e-3  # smoothing speed [rad/s | m/s]: a sticking joint creeps at less
 _STRIBECK = 10.0  # Stribeck speed over the smoothing speed, where none is given
 KEYS = (
     *("gear", "motor_inertia", "stiffness", "damping"),
-    *("friction", "efficiency", "limit_curve"),
+    *("friction", "efficiency", "limit_curve", "backlash"),
 )
 
 
@@ -68,6 +69,7 @@ class Drive:
         damping: Beside it [N m s/rad | N s/m].
         efficiency: Of the gear: power out over power in, 0 to 1.
         limit_curve: Motor speeds [rad/s] and the torque that the motor has there [N m].
+        backlash: Play of the gear, from flank to flank, at the joint [rad | m].
     """
 
     __repr__ = brief
@@ -78,6 +80,7 @@ class Drive:
     damping: float = schema.real(0.0, "damping", low=0)
     efficiency: float = schema.real(1.0, above=0, high=1)
     limit_curve: tuple[tuple[float, float], ...] = ()
+    backlash: float = schema.real(0.0, "angle", low=0)
 
     @property
     def rotor_inertia(self) -> float:
@@ -119,6 +122,11 @@ def read_drive(value: object, where: str, reduction: float | None) -> tuple[Driv
         raise DescriptionError(
             f"{place['damping']}: the drive has no stiffness, so nothing moves in it that could be "
             "damped. Add `stiffness`, or write `friction: {viscous: ...}`."
+        )
+    if found.get("backlash") and "stiffness" not in found:
+        raise DescriptionError(
+            f"{place['backlash']}: the drive has no stiffness, so nothing takes up the play. Add "
+            "`stiffness`."
         )
     if reduction is not None:
         found["gear"] = reduction

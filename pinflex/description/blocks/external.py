@@ -71,6 +71,8 @@ class FrameSpring:
         frame_a, frame_b: Its ends.
         stiffness: [N/m]. damper: [N s/m]. length: Unloaded [m].
         at: Point of the ground [m] where an end is `WORLD`.
+        tension_only: A cable: it does not push.
+        table: Elongations [m] and forces [N] in place of the stiffness.
     """
 
     name: str
@@ -80,6 +82,8 @@ class FrameSpring:
     damper: float = 0.0
     length: float = 0.0
     at: Vec3 | None = None
+    tension_only: bool = False
+    table: tuple[tuple[float, float], ...] = ()
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -148,8 +152,9 @@ def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, 
     found = []
     for name, item in schema.mapping(value, where).items():
         here = schema.at(where, name)
-        keys = ("between", *SPRING_KEYS, "at")
-        block = schema.mapping(item, here, keys, ("between", "stiffness"))
+        keys = ("between", *SPRING_KEYS, "at", "tension_only", "table")
+        need = ("between",) if isinstance(item, dict) and "table" in item else ()
+        block = schema.mapping(item, here, keys, need or ("between", "stiffness"))
         pair = schema.items(block["between"], schema.at(here, "between"), 2)
         grounded = WORLD not in urdf.links and WORLD in pair
         if grounded != ("at" in block):
@@ -163,6 +168,23 @@ def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, 
             for key, quantity in SPRING_KEYS.items()
             if key in block
         }
+        values.setdefault("stiffness", 0.0)
         at = schema.vector(block["at"], schema.at(here, "at"), of="place") if grounded else None
-        found.append(FrameSpring(name, a, b, **values, at=at))
+        found.append(FrameSpring(name, a, b, **values, at=at, **_one_sided(block, here)))
     return tuple(found)
+
+
+def _one_sided(block: dict[str, Any], here: str) -> dict[str, Any]:
+    """What of a spring is not straight."""
+    found: dict[str, Any] = {}
+    if "tension_only" in block:
+        found["tension_only"] = schema.boolean(
+            block["tension_only"], schema.at(here, "tension_only")
+        )
+    if "table" in block:
+        found["table"] = schema.points(block["table"], schema.at(here, "table"), "place", "force")
+        for key in block.keys() & {"stiffness", "tension_only"}:
+            raise DescriptionError(
+                f"{schema.at(here, key)}: beside `table`, which says all of the force. Remove one."
+            )
+    return found

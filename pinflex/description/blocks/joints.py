@@ -17,9 +17,31 @@ from pinflex.text import brief
 TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
 KEYS = (
     *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
-    *("drive", "friction", "follows", "ratio", "offset"),
+    *("drive", "friction", "follows", "ratio", "offset", "stops", "table"),
 )
-_SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction")  # for joints of one freedom
+_SINGLE = (
+    *("spring", "parallel_spring", "rest", "drive", "friction", "stops", "table"),
+)  # for joints of one freedom
+_WAY = ("lower", "upper")
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Ends of a joint's way: a spring with a damper beyond them, or a coefficient of restitution.
+
+    Attributes:
+        lower, upper: Where they are [rad | m]; None: on that side there is none.
+        stiffness: [N m/rad | N/m]. damping: While it is touched [N m s/rad | N s/m].
+        restitution: Part of the speed that a rigid stop gives back, 0 to 1; None: it is a spring.
+    """
+
+    __repr__ = brief
+
+    lower: float | None = schema.real(None, "angle")
+    upper: float | None = schema.real(None, "angle")
+    stiffness: float | None = schema.real(None, "stiffness", above=0)
+    damping: float = schema.real(0.0, "damping", low=0)
+    restitution: float | None = schema.real(None, above=0, high=1)
 
 
 @dataclass(frozen=True)
@@ -38,6 +60,7 @@ class JointExtra:
         drive: Motor and gear. friction: Of the joint, or in its drive.
         follows: Joint that it follows; "": none, whatever the URDF says; None: as in the URDF.
         ratio, offset: Its position is ratio times that joint's + offset [rad | m].
+        stops: Ends of its way. table: Positions [rad | m] and what it resists there by [N m | N].
     """
 
     __repr__ = brief
@@ -55,6 +78,8 @@ class JointExtra:
     follows: str | None = None
     ratio: float = schema.real(1.0, "ratio")
     offset: float = schema.real(0.0, "position")
+    stops: Stops | None = None
+    table: tuple[tuple[float, float], ...] = ()
 
     @property
     def armature(self) -> float:
@@ -98,10 +123,51 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
         values |= {"spring": stiffness, "parallel_spring": True}
     if "rest" in block and "spring" not in values:
         raise DescriptionError(f"{place['rest']}: there is no spring. Add `spring`.")
+    of = schema.quantity(urdf.joints[name].type)
+    if "stops" in block:
+        values["stops"] = _stops(block["stops"], place["stops"], of)
+    if "table" in block:
+        values["table"] = schema.points(block["table"], place["table"], of, "moment")
     values |= _driven(block, place, urdf.joints[name].reduction)
+    _require_one_side(values, place)
     if "axes" in block:
         values["axes"] = _axes(block["axes"], place["axes"], kind)
     return JointExtra(name, kind, **values)
+
+
+def _stops(value: object, where: str, of: str) -> Stops:
+    """The block `stops`."""
+    keys = schema.names_of(Stops)
+    block = schema.mapping(value, where, keys)
+    place = {key: schema.at(where, key) for key in keys}
+    found = schema.read(Stops, {k: x for k, x in block.items() if k not in _WAY}, place)
+    found |= {key: schema.number(block[key], place[key], of=of) for key in _WAY if key in block}
+    if not block.keys() & {*_WAY}:
+        raise DescriptionError(f"{where}: no stop. Give `lower`, `upper` or both.")
+    if block.keys() >= {*_WAY} and found["lower"] >= found["upper"]:
+        raise DescriptionError(
+            f"{place['upper']}: {found['upper']:g} is not above lower, {found['lower']:g}. "
+            "Exchange them."
+        )
+    if ("stiffness" in block) == ("restitution" in block):
+        raise DescriptionError(
+            f"{where}: a stop is a spring (`stiffness`, and `damping` if you like) or rigid "
+            "(`restitution`). Give one of the two."
+        )
+    if "damping" in block and "stiffness" not in block:
+        raise DescriptionError(f"{place['damping']}: a rigid stop has none. Give `stiffness`.")
+    return Stops(**found)
+
+
+def _require_one_side(values: Mapping[str, Any], place: Mapping[str, str]) -> None:
+    """Refuse what acts on the link where the coordinate is the motor's side of a gear."""
+    drive = values.get("drive")
+    for key in ("stops", "table"):
+        if key in values and drive is not None and drive.stiffness is not None:
+            raise DescriptionError(
+                f"{place[key]}: with drive.stiffness the joint's coordinate is the motor's side of "
+                "the gear. Leave out one of them."
+            )
 
 
 def _followed(value: object, where: str, urdf: Source) -> str:

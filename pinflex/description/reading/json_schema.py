@@ -47,8 +47,9 @@ def json_schema() -> Form:
         "forces": _named(_block(_any(external.FORCE_KEYS) | {"at": _TEXT}, ["at"])),
         "springs": _named(_block(
             {key: _measure(of) for key, of in external.SPRING_KEYS.items()}
-            | {"between": _PAIR, "at": _place()},
-            ["between", "stiffness"])),
+            | {"between": _PAIR, "at": _place(), "table": {"type": "array"},
+               "tension_only": {"type": "boolean"}},
+            ["between"])),
         "added_masses": _named(_block(_any(external.ADDED_KEYS) | {"at": _TEXT}, ["at"])),
         "control": _control(),
         "motion": _motion(),
@@ -129,6 +130,8 @@ def _joint() -> Form:
         "drive": _block(_any(drives.KEYS) | _of_record(drives.Drive) | {"friction": _friction()}),
         "friction": _friction(),
         "follows": {"anyOf": [_TEXT, {"const": False}]},
+        "stops": _block(_of_record(joints.Stops)),
+        "table": {"type": "array"},
     }
     return _block(_any(joints.KEYS) | _of_record(joints.JointExtra) | own
                   | {"parallel_spring": _NUMBER})  # fmt: skip

@@ -271,6 +271,24 @@ def names(value: object, where: str, allowed: Collection[str], what: str) -> tup
     return tuple(found)
 
 
+def points(value: object, where: str, of: str, force: str) -> tuple[tuple[float, float], ...]:
+    """Two or more points [place, force], by increasing place."""
+    found: list[tuple[float, float]] = []
+    for k, item in enumerate(items(value, where)):
+        here = f"{where}[{k}]"
+        pair = items(item, here, 2)
+        place = number(pair[0], f"{here}[0]", of=of)
+        if k and place <= found[-1][0]:
+            raise DescriptionError(
+                f"{here}: {place:g} does not follow {found[-1][0]:g}. Write the points "
+                "[place, force] by increasing place."
+            )
+        found.append((place, number(pair[1], f"{here}[1]", of=force)))
+    if len(found) < 2:
+        raise DescriptionError(f"{where}: one point is no table. Write two or more.")
+    return tuple(found)
+
+
 # Readers in the metadata of dataclass fields: unit, range, choices and owners of a key, said once.
 #
 #     dt: float | None = fields.real(None, of="time", above=0)

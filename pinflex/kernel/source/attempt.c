@@ -183,7 +183,7 @@ void keep(const Tables *t, char *memory, March *m, double h) {
     for (Int j = 0; j < n; j++)
       for (Int l = 0; l < s; l++)
         v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
-    if (t->dampers || !st->prescribed) {
+    if (t->dampers || t->kinks || !st->prescribed) {
       retract(t, st, m->y, move + i * nv, y);
       write_motors(st, st->position + i * motors, y);
     }

@@ -4,7 +4,9 @@
                I (w.n + c')^2 / 2 of twists;   V armature V / 2;   v' M v / 2 of added masses
      gravity   - m g . x of centres and points in the world
      elastic   eta' K eta / 2, and what large bends add (strain.c)
-     spring    k (q - rest)^2 / 2 of joints, and springs and loads at frames (loads.c) */
+     spring    k (q - rest)^2 / 2 of joints, and springs and loads at frames (loads.c)
+
+   and those of laws of pieces (kinks.c), elastic where they are of elastic coordinates. */
 #include "group.h"
 
 /* Of a mass that stands at r in a node and moves in it by u. */
@@ -66,7 +68,7 @@ static Lane of_added(const Tables *t, Work *w) {
 }
 
 static Lane sprung(const Tables *t, Work *w, const Lane *y, const Lane *scale) {
-  Lane energy = load_energy(t, w, scale);
+  Lane energy = load_energy(t, w, scale) + kink_energy(t, w, y, 0);
   for (Int k = 0; k < t->joint_springs; k++) {
     const double *law = t->joint_spring_law + 2 * k;
     Lane off = joint_spring_angle(t, k, y) - law[1];
@@ -97,7 +99,7 @@ EXPORT void pinflex_energies(const Tables *t, char *memory, Int count, const dou
     nodes(t, &w, &kinetic, &gravity);
     points(t, &w, &kinetic, &gravity);
     each[0] = kinetic, each[1] = gravity;
-    each[2] = strain_energy(t, w.eta), each[3] = sprung(t, &w, g.y, g.scale);
+    each[2] = strain_energy(t, w.eta) + kink_energy(t, &w, g.y, 1), each[3] = sprung(t, &w, g.y, g.scale);
     for (int k = 0; k < 4; k++) scatter(each + k, count, 1, first, out + k * count);
   }
 }

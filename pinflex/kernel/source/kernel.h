@@ -31,6 +31,7 @@ typedef struct {
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
   Int squares;                            /* psi . eta, squared: rows of G as sums of them */
+  Int kinks;                              /* laws of pieces, see kinks.c */
   const Int *q_at;                                       /* [nq_rigid] of rigid q in Q */
   const Int *v_at;                                       /* [nv_rigid] of rigid v in V */
   const Int *parent, *kind, *node_q, *node_v;            /* [nodes] */
@@ -76,6 +77,9 @@ typedef struct {
   const Int *sum_at;                                     /* [rows+1] */
   const Int *square_at;                                  /* [squares+1] */
   const Int *square_eta;                                 /* [squares] first coordinate of each psi */
+  const Int *kink_v, *kink_q, *kink_paired;              /* [kinks] a coordinate; v = -1: of a spring */
+  const Int *kink_at;                                    /* [kinks+1] pieces */
+  const Int *spring_kink;                                /* [springs] its law, or -1 */
   const double *gravity;                                 /* [3] */
   const double *R0;                                      /* [nodes, 9] */
   const double *p0, *axis;                               /* [nodes, 3] */
@@ -113,6 +117,8 @@ typedef struct {
   const double *power;                                   /* [*power_at] (pieces, degree + 1, entries) */
   const double *sum;                                     /* [*sum_at] */
   const double *square;                                  /* [*square_at] psi */
+  const double *kink_start;                              /* [*kink_at] where pieces begin, rad | m */
+  const double *kink_piece;                              /* [*kink_at, 7] see kinks.c */
 } Tables;
 
 /* A frame of the tree at one instant. In its own axes: w, alpha rates of turn, a the acceleration
@@ -132,6 +138,8 @@ typedef struct {
   Lane *square; /* s = psi . eta, s^2 and its two rates, (squares, 4) */
   Lane *wrench; /* of loops on their B about frame b, (loops, 6), where wanted */
   double *room; /* of sleeves */
+  Int *piece;   /* of each law: 1 + the piece that a step keeps to, or 0: that of the state */
+  double *hit;  /* speed at which each was last entered, rad/s | m/s */
 } Work;
 
 /* map.c: Q = T(y), V = X v, A = X a + Xdot v; and X' g with K, D, springs and friction of joints */
@@ -148,9 +156,22 @@ void add_friction(const Tables *t, const Lane *v, Lane *r);
 void friction_tangent(const Tables *t, const Lane *v, double *C);
 double dissipation(const Tables *t, const double *v); /* power of damping and friction of joints, W */
 
+/* kinks.c: a law of pieces at x and its rate: what it resists by, the derivatives of that, energy, J,
+   and what it takes, W; all of them that are of coordinates; elongations, (count, kinks) */
+typedef struct { double force, slope, damping, energy, loss; } Kink;
+Kink kinked(const Tables *t, const Work *w, Int k, double x, double rate);
+void add_kinks(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane *r);
+void kink_tangent(const Tables *t, const Work *w, const Lane *y, const Lane *v, double *C, double *K);
+Lane kink_energy(const Tables *t, const Work *w, const Lane *y, int elastic);
+double kink_loss(const Tables *t, const Work *w, const double *y, const double *v);
+EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const double *Y, double *x);
+void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const double *hit);
+
 /* closures.c, loads.c */
+void spring_lengths(const Tables *t, Work *w, Int k, Lane *length); /* m, where nodes stand */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
+void spring_lengths(const Tables *t, Work *w, Int k, Lane *length); /* of spring k, m */
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
 Lane load_energy(const Tables *t, Work *w, const Lane *scale); /* of springs and dead forces, J */
 

@@ -108,11 +108,11 @@ static double parting(const Tables *t, Tangent *w, Int k, const double *a, const
   return rate;
 }
 
-static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
+static void spring(const Tables *t, const Work *lanes, Tangent *w, Int k, double *C, double *K) {
   Int nv = t->nv, size = 6 * nv;
   double *J_a = w->lifted, *J_b = J_a + size, *e = J_b + size, *faster = e + 3 * nv;
-  double *pushed = e + size, pull = 0.0;
-  const double *law = t->spring_law + 3 * k;
+  double *pushed = e + size, rate = 0.0;
+  double law[3] = {t->spring_law[3 * k], t->spring_law[3 * k + 1], t->spring_law[3 * k + 2]};
   double a[3], b[3], d[3], u[3], from[3], to[3];
   point_at(body(w, t->spring_a[k]), t->spring_place_a + 3 * k, a);
   point_at(body(w, t->spring_b[k]), t->spring_place_b + 3 * k, b);
@@ -128,14 +128,19 @@ static void spring(const Tables *t, Tangent *w, Int k, double *C, double *K) {
   }
   memset(faster, 0, nv * sizeof(double));
   if (law[1] != 0.0 && length > 0.0)
-    pull = law[1] * parting(t, w, k, a, b, u, length, J_a, J_b, e, pushed, faster);
-  double per_length = length > 0.0 ? (law[0] * (length - law[2]) + pull) / length : law[0];
+    rate = parting(t, w, k, a, b, u, length, J_a, J_b, e, pushed, faster);
+  double tension = law[0] * (length - law[2]) + law[1] * rate;
+  if (t->spring_kink[k] >= 0) {
+    Kink now = kinked(t, lanes, t->spring_kink[k], length - law[2], rate);
+    tension = now.force, law[0] = now.slope, law[1] = now.damping;
+  }
+  double per_length = length > 0.0 ? tension / length : law[0];
   spring_end(t, J_a, a, d, u, e, faster, per_length, law, 1.0, pushed, C, K);
   spring_end(t, J_b, b, d, u, e, faster, per_length, law, -1.0, pushed, C, K);
 }
 
-void load_tangent(const Tables *t, Tangent *w, const Lane *scale, double *C, double *K) {
+void load_tangent(const Tables *t, const Work *lanes, Tangent *w, const Lane *scale, double *C, double *K) {
   for (Int k = 0; k < t->forces; k++)
     if (!t->force_follows[k]) dead_load(t, w, k, scale[k][0], K);
-  for (Int k = 0; k < t->springs; k++) spring(t, w, k, C, K);
+  for (Int k = 0; k < t->springs; k++) spring(t, lanes, w, k, C, K);
 }

@@ -3,7 +3,9 @@
    A dead load stays as it is in the world, a follower turns with its frame; both come times a scale
    in time. A spring from p_a to p_b along u pulls by k (|d| - l) + c u . (v_b - v_a). Their energy is
 
-     - F . p  of dead loads    k (|d| - l)^2 / 2  of springs */
+     - F . p  of dead loads    k (|d| - l)^2 / 2  of springs
+
+   A spring whose law has pieces pulls by that (kinks.c). */
 #include "kernel.h"
 
 static void apply_forces(const Tables *t, Work *w, const Lane *scale) {
@@ -60,12 +62,19 @@ static void pull(Node *n, const double *local, const Lane *force, double sign) {
   for (int d = 0; d < 3; d++) n->F[d] += sign * own[d], n->N[d] += sign * arm[d];
 }
 
+void spring_lengths(const Tables *t, Work *w, Int k, Lane *length) {
+  Lane d[3], rate;
+  *length = stretch(t, w, k, d, &rate);
+}
+
 static void apply_springs(const Tables *t, Work *w) {
   for (Int k = 0; k < t->springs; k++) {
     Node *A = node_at(w, t->spring_a[k]), *B = node_at(w, t->spring_b[k]);
     const double *law = t->spring_law + 3 * k;
     Lane d[3], rate, length = stretch(t, w, k, d, &rate);
     Lane tension = law[0] * (length - law[2]) + law[1] * rate;
+    for (int l = 0; t->spring_kink[k] >= 0 && l < LANES; l++)
+      tension[l] = kinked(t, w, t->spring_kink[k], length[l] - law[2], rate[l]).force;
     for (int i = 0; i < 3; i++) d[i] *= tension / length;
     pull(A, t->spring_place_a + 3 * k, d, -1.0);
     pull(B, t->spring_place_b + 3 * k, d, 1.0);
@@ -75,8 +84,11 @@ static void apply_springs(const Tables *t, Work *w) {
 Lane damper_power(const Tables *t, Work *w) {
   Lane d[3], rate, power = lane(0);
   for (Int k = 0; k < t->springs; k++) {
-    stretch(t, w, k, d, &rate);
-    power += t->spring_law[3 * k + 1] * rate * rate;
+    const double *law = t->spring_law + 3 * k;
+    Lane length = stretch(t, w, k, d, &rate), loss = law[1] * rate * rate;
+    for (int l = 0; t->spring_kink[k] >= 0 && l < LANES; l++)
+      loss[l] = kinked(t, w, t->spring_kink[k], length[l] - law[2], rate[l]).loss;
+    power += loss;
   }
   return power;
 }
@@ -90,7 +102,10 @@ Lane load_energy(const Tables *t, Work *w, const Lane *scale) {
   }
   for (Int k = 0; k < t->springs; k++) {
     Lane longer = stretch(t, w, k, d, &rate) - t->spring_law[3 * k + 2];
-    energy += 0.5 * t->spring_law[3 * k] * longer * longer;
+    Lane held = 0.5 * t->spring_law[3 * k] * longer * longer;
+    for (int l = 0; t->spring_kink[k] >= 0 && l < LANES; l++)
+      held[l] = kinked(t, w, t->spring_kink[k], longer[l], 0.0).energy;
+    energy += held;
   }
   return energy;
 }

@@ -174,4 +174,5 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
     r[t->joint_spring_v[k]] += law[0] * (joint_spring_angle(t, k, y) - law[1]);
   }
   add_friction(t, v, r);
+  add_kinks(t, w, y, v, r);
 }

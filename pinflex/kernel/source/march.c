@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include <time.h>
 
-enum { FULL, INPUTS, START, STUCK, PAUSED, SAMPLE };
+enum { FULL, INPUTS, START, STUCK, PAUSED, SAMPLE, EVENT };
 /* How a run goes on from a stop, and the end of a step: anew, under other forces that are held, or on. */
 enum { RESTARTS, HOLDS, ON };
 
@@ -16,7 +16,7 @@ static double length(const March *m) {
 
 /* Once more without a prediction and with a new tangent, then shorter. */
 static void after_failure(March *m, double size) {
-  m->rejected++, m->stale = 1, m->h = size;
+  m->landing = 0, m->rejected++, m->stale = 1, m->h = size;
   if (!m->follows) m->ceiling = m->h = 0.4 * size;
   m->follows = 0;
 }
@@ -100,25 +100,37 @@ static int once(const Tables *t, char *memory, March *m) {
   if (coarseness > m->resolution && !(m->unjudged && m->number == 0)) {
     if (coarseness < 0.5 * m->refused) {
       m->rejected++, m->h = size * fmin(fmax(factor, 0.3), 0.7), m->refused = coarseness;
+      m->landing = 0;
       return -1;
     }
     m->unresolved++, factor = 1.0;
   }
+  int ends = t->kinks ? land(t, memory, m, size) : PASSES;
+  if (ends == AGAIN) return -1;
+  if (ends == LOST) {
+    after_failure(m, size);
+    return -1;
+  }
+  if (ends == AT_ONCE) {
+    m->landing = 0, m->h = m->planned;
+    return EVENT;
+  }
   int met = accept(t, memory, m, size, factor, scale);
+  if (ends == LANDS) {
+    m->landing = 0, m->follows = 0, m->h = fmin(m->planned, m->ceiling);
+    return EVENT;
+  }
   if (met == HOLDS) return SAMPLE;
   int outside = m->inputs->pieces == 0 || m->stages->held != NULL;
   return met == RESTARTS && (outside || !begin(t, memory, m)) ? START : -1;
 }
 
-/* Steps until the batch is full or the run ends (FULL), inputs are needed at the stages of a step
-   of `size` (INPUTS), a start has to be found elsewhere (START), no step is short enough (STUCK), the
-   patience is at its end (PAUSED): signals are seen outside, or a controller measures (SAMPLE). */
-EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
+static int march(const Tables *t, char *memory, March *m) {
   double until = now() + m->patience;
   while (m->count < m->capacity && m->stop < m->stops) {
     if (stuck(m)) return STUCK;
     if (!m->given) {
-      m->size = length(m);
+      if (!m->landing) m->size = length(m);
       if (m->inputs->pieces == 0) return INPUTS;
     }
     int end = once(t, memory, m);
@@ -128,16 +140,31 @@ EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
   return FULL;
 }
 
+/* Steps until the batch is full or the run ends (FULL), inputs are needed at the stages of a step
+   of `size` (INPUTS), a start has to be found elsewhere (START), no step is short enough (STUCK), the
+   patience is at its end (PAUSED): signals are seen outside, a controller measures (SAMPLE), or a law
+   has left its piece (EVENT). */
+EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
+  keep_to_pieces(t, memory, m->piece, m->hit);
+  int end = march(t, memory, m);
+  keep_to_pieces(t, memory, NULL, NULL);
+  return end;
+}
+
 /* The start at t, y and v from the inputs there; 0 where another has to find it. */
 EXPORT int pinflex_begin(const Tables *t, char *memory, March *m) {
+  keep_to_pieces(t, memory, m->piece, m->hit);
   int found = begin(t, memory, m);
+  keep_to_pieces(t, memory, NULL, NULL);
   m->given = 0;
   return found;
 }
 
 /* Go on under other forces (nv,) of a controller; 0 where a start has to be found elsewhere. */
 EXPORT int pinflex_hold(const Tables *t, char *memory, March *m, const double *held) {
+  keep_to_pieces(t, memory, m->piece, m->hit);
   int found = hold(t, memory, m, held);
+  keep_to_pieces(t, memory, NULL, NULL);
   m->given = 0;
   return found;
 }

@@ -37,6 +37,7 @@ typedef struct {
   Int start_serial;                  /* of the tangent that is factored for starts, or 0 */
   Int most, measured, by_mass;
   Int iterations, refreshed, factored, rejected, unresolved;
+  Int event, side, landing;          /* events.c: the law, the side it leaves on, attempts so far */
   Stages *stages;
   const Inputs *inputs;
   Steps steps;
@@ -48,12 +49,16 @@ typedef struct {
   const Int *measured_at;
   double *weight;                    /* of the norm, (measured, measured) */
   double *input;                     /* (s, columns) */
+  Int *piece;                        /* that each law of pieces is in, (kinks,) */
+  double *hit;                       /* speed at which it came there, (kinks,) */
+  double *placed, *x;                /* the start and the stages: y, (s + 1, nq), and laws, (s + 1, kinks) */
   double *start_lu, *start_x;        /* complex */
   Int *start_pivot;
   double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
   double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
   double factored_h, size;           /* s: of the factors, and of the step to come */
   double resolution, least, round_off, seen, open, slack, slow, same_step;
+  double planned, speed;             /* length of a step before it was cut, s; rate of what it meets */
   double idle_from, idle_to, order, first, shortest, held, growth, patience;
 } March;
 
@@ -104,6 +109,11 @@ int attempt(const Tables *t, char *memory, March *m, double h);
 void take_inputs(const Tables *t, March *m, double h);
 int factor(const Tables *t, March *m, double h);
 void keep(const Tables *t, char *memory, March *m, double h);
+
+/* events.c: whether a solved step of length `size` keeps to its pieces, has to be taken anew (`size`),
+   ends at a border, where the law `event` leaves its piece, leaves it at once, or none of these */
+enum { PASSES, AGAIN, LANDS, AT_ONCE, LOST };
+int land(const Tables *t, char *memory, March *m, double size);
 
 /* march.c: the state after the step that is kept as number `count` */
 void advance(const Tables *t, March *m);

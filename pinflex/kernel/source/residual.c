@@ -10,7 +10,7 @@ EXPORT Int pinflex_work_size(const Tables *t) {
   Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces
               + 4 * t->squares + 6 * t->loops;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
-         + (tangent_size(t) + sleeve_room(t)) * (Int)sizeof(double);
+         + (tangent_size(t) + sleeve_room(t) + 2 * t->kinks) * (Int)sizeof(double);
 }
 
 void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
@@ -33,6 +33,8 @@ void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->wrench = 0;
   g->more = (double *)(((uintptr_t)(g->wrench + 6 * t->loops) + 63) / 64 * 64);
   w->room = g->more + tangent_size(t);
+  w->hit = w->room + sleeve_room(t);
+  w->piece = (Int *)(w->hit + t->kinks);
 }
 
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
@@ -90,8 +92,11 @@ EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const doubl
   Work w;
   Group g;
   for (Int k = 0; k < count; k++) power[k] = dissipation(t, V + k * t->nv);
-  if (!t->dampers) return;
+  if (!t->dampers && !t->kinks) return;
   lay_out(t, memory, &w, &g);
+  for (Int k = 0; t->kinks && k < count; k++)
+    power[k] += kink_loss(t, &w, Y + k * t->nq, V + k * t->nv);
+  if (!t->dampers) return;
   for (Int i = 0; i < t->nv; i++) g.a[i] = lane(0);
   for (Int first = 0; first < count; first += LANES) {
     gather(Y, count, t->nq, first, g.y);

@@ -310,6 +310,7 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));
   close_tangent(t, &w, lam, K, J);
   sleeve_tangent(t, lanes, &w, lam, K, J);
-  load_tangent(t, &w, scale, C, K);
+  load_tangent(t, lanes, &w, scale, C, K);
   friction_tangent(t, v, C);
+  kink_tangent(t, lanes, y, v, C, K);
 }

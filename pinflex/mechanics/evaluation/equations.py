@@ -405,7 +405,9 @@ class Equations:
 
     def losses(self, y: Array, v: Array) -> Array:
         """Power that damping, friction and dampers between frames take, shape (n,), W."""
-        if not any(spring.damper for spring, _, _ in self.system.loads.springs):
+        if not self.system.kinks.rows and not any(
+            spring.damper for spring, _, _ in self.system.loads.springs
+        ):
             return self.system.dissipation(v)
         if self.compiled is not None:
             return self.compiled.evaluator.losses(y, v)

@@ -19,6 +19,7 @@ from pinflex.kernel.header import constant
 from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures, CoupledRows
 from pinflex.mechanics.evaluation.squares import square_tables
+from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.expanded import (
     Attachment,
     Block,
@@ -150,11 +151,13 @@ _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
     for record, names in (
-        (System, "rigid expansion closed K D springs motors loads held friction added"),
+        (System, "rigid expansion closed K D springs motors loads held friction added "
+         "kinks"),
         (Springs, "v_at q_at paired stiffness rest"),
         (Loads, "forces springs"),
         (FrameForce, "name frame force moment follower start until ramp"),
-        (FrameSpring, "name frame_a frame_b stiffness damper length at"),
+        (FrameSpring, "name frame_a frame_b stiffness damper length at tension_only table"),
+        (Kinks, "rows energy"),
         (DryFriction, "rows coulomb excess stribeck speed"),
         (AddedMasses, "joints inertia"),
         # Gears that give way are joints and rows of the map like those of links.
@@ -256,7 +259,7 @@ def tables(system: System) -> Tables:
         **_couplings(closed.coupled, model),
         "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
         **strain_tables(system), **_loads(system.loads, node_of), **_joint_springs(system),
-        **_friction(system.friction),
+        **_friction(system.friction), **system.kinks.tables(len(system.loads.springs)),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
@@ -270,7 +273,7 @@ def tables(system: System) -> Tables:
         "blocks": len(arrays["block_depth"]), "couplings": len(closed.coupled.rows),
         "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
         "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
-        "squares": len(arrays["square_eta"]),
+        "squares": len(arrays["square_eta"]), "kinks": len(system.kinks.rows),
     }  # fmt: skip
     return Tables(counts, arrays)
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.drives import Friction
 from pinflex.kernel.tables import Spares, Tables
+from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.expanded import Expansion
 from pinflex.mechanics.model.loads import AddedMasses, Loads
 from pinflex.text import brief
@@ -142,6 +143,7 @@ class System:
             mechanism, what is idle, a free base but at level coupled.
         friction: Dry friction of joints.
         added: Inertia that differs with the direction.
+        kinks: Laws of pieces: dead zones, stops, cables, tables.
     """
 
     __repr__ = brief
@@ -157,6 +159,7 @@ class System:
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     friction: DryFriction = field(default_factory=DryFriction)
     added: AddedMasses = field(default_factory=AddedMasses)
+    kinks: Kinks = field(default_factory=Kinks)
 
     @property
     def nq(self) -> int:

@@ -25,6 +25,7 @@ from pinflex.mechanics.evaluation.compiled import (
     Kinematics,
     Tangent,
 )
+from pinflex.mechanics.kinks import Pull
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.poses import support
 from pinflex.mechanics.reference import closures
@@ -87,7 +88,15 @@ class Reference:
         r[:, self._v :] += self.strain.force(Y[:, self._q :])
         r[:, s.friction.rows] += s.friction.force(V)
         r[:, s.springs.v_at] += s.springs.stiffness * (s.springs.angles(Y) - s.springs.rest)
+        for row, pull in self._kinks(Y, V):
+            r[:, row] += pull.force
         return r
+
+    def _kinks(self, Y: Array, V: Array) -> Iterator[tuple[int, Pull]]:
+        """Laws of pieces over coordinates, with their rows."""
+        s = self.system.kinks
+        for k in s.of_coordinates:
+            yield s.rows[k].v, s.pull(k, s.position(k, Y), V[:, s.rows[k].v])
 
     def _rnea(self, q: Array, v: Array, a: Array, acting: Mapping[int, Array]) -> Array:
         """Pinocchio's, with added masses and wrenches (6,) that act in joints' frames, (nV,)."""
@@ -113,7 +122,7 @@ class Reference:
         """Loads from outside at each of n configurations, where there are any."""
         if self.system.loads.present:
             for k, (poses, J) in enumerate(zip(*self.placing.jacobians(Q), strict=True)):
-                yield k, LoadState(self.system.loads, self.model, poses, J)
+                yield k, LoadState(self.system.loads, self.model, poses, J, self.system.kinks)
 
     # Closures --------------------------------------------------------------------------------
 
@@ -188,6 +197,9 @@ class Reference:
         C, K = s.D.copy(), s.K.copy()
         C[s.friction.rows, s.friction.rows] += s.friction.slope(v)
         K[s.springs.v_at, s.springs.v_at] += s.springs.stiffness
+        for row, pull in self._kinks(y[None], v[None]):
+            C[row, row] += pull.damping[0]
+            K[row, row] += pull.slope[0]
         for at, stiffness in self.strain.bent(y[self._q :]):
             K[self._v :, self._v :][at, at] += stiffness
         X, most = self.map.at(y[None]).X, _BESIDE if s.closed.contacts else _STEP
@@ -267,11 +279,18 @@ class Reference:
         for k, load in self._loads(here.Q):
             spring[k] += load.energy(float(t[k]))
         elastic = self.strain.energy(Y[:, self._q :])
+        for row, pull in self._kinks(Y, V):
+            if row < self._v:
+                spring = spring + pull.energy
+            else:
+                elastic = elastic + pull.energy
         return Energies(np.array(kinetic), np.array(weight), elastic, spring)
 
     def losses(self, Y: Array, V: Array) -> Array:
         """Power that damping, friction and dampers between frames take, shape (n,), W."""
         here, power = self.map.at(Y, V), self.system.dissipation(V)
+        for _, pull in self._kinks(Y, V):
+            power = power + pull.loss
         for k, load in self._loads(here.Q):
             power[k] += load.dissipation(here.V[k])
         return power

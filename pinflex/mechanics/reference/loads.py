@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
+from pinflex.mechanics.kinks import Kinks, Pull
 from pinflex.mechanics.model.expanded import Attachment
 from pinflex.mechanics.model.loads import Loads
 from pinflex.mechanics.poses import support
@@ -21,9 +22,11 @@ class LoadState:
         joints: That they act on.
     """
 
-    def __init__(self, given: Loads, model: pin.Model, poses: Array, J: Array) -> None:
+    def __init__(
+        self, given: Loads, model: pin.Model, poses: Array, J: Array, kinks: Kinks
+    ) -> None:
         """`poses`: of the joints, (joints, 12). `J`: their world Jacobian, (6, nV)."""
-        self._given, self._J = given, J
+        self._given, self._J, self._kinks = given, J, kinks
         ends = [place for _, place in given.forces]
         ends += [place for _, a, b in given.springs for place in (a, b)]
         self.joints = list(dict.fromkeys(place.joint for place in ends))
@@ -36,12 +39,12 @@ class LoadState:
         for force, place in self._given.forces:
             p, F, M = self._load(force, place, t)
             total[place.joint] += np.concatenate([F, np.cross(p, F) + M])
-        for spring, a, b in self._given.springs:
+        for k, (_, a, b) in enumerate(self._given.springs):
             p_a, d, length = self._line(a, b)
             u = d / max(length, 1e-300)
-            pull = spring.stiffness * (length - spring.length)
-            pull += spring.damper * self._rate(a, b, V)
-            wrench = pull * np.concatenate([u, np.cross(p_a, u)])
+            wrench = self._pull(k, length, self._rate(a, b, V)).force * np.concatenate(
+                [u, np.cross(p_a, u)]
+            )
             total[a.joint] += wrench
             total[b.joint] -= wrench
         return total
@@ -58,15 +61,26 @@ class LoadState:
             if force.potential:
                 p, F, _ = self._load(force, place, t)
                 energy -= float(F @ p)
-        for spring, a, b in self._given.springs:
-            stretch = self._line(a, b)[2] - spring.length
-            energy += 0.5 * spring.stiffness * stretch**2
+        for k, (_, a, b) in enumerate(self._given.springs):
+            energy += float(self._pull(k, self._line(a, b)[2], 0.0).energy)
         return energy
 
     def dissipation(self, V: Array) -> float:
         """Power that the dampers take, W."""
-        dampers = ((s.damper, a, b) for s, a, b in self._given.springs if s.damper)
-        return sum(damper * self._rate(a, b, V) ** 2 for damper, a, b in dampers)
+        dampers = ((k, a, b) for k, (s, a, b) in enumerate(self._given.springs) if s.damper)
+        return sum(
+            float(self._pull(k, self._line(a, b)[2], self._rate(a, b, V)).loss)
+            for k, a, b in dampers
+        )
+
+    def _pull(self, spring: int, length: float, rate: float) -> Pull:
+        """Of a spring between frames, straight or of pieces."""
+        law, kink = self._given.springs[spring][0], self._kinks.of_spring(spring)
+        x = length - law.length
+        if kink >= 0:
+            return self._kinks.pull(kink, x, rate)
+        k, c = law.stiffness, law.damper
+        return Pull(*map(np.asarray, (k * x + c * rate, k, c, 0.5 * k * x**2, c * rate**2)))
 
     def stiffness(self, times_map: Callable[[Array], Array]) -> Array:
         """Stiffness of the springs along their lines, by the velocities of a map, (nv, nv)."""

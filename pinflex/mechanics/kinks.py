@@ -1,0 +1,228 @@
+"""Laws that bend: of pieces, each smooth, over one coordinate or the elongation of a spring.
+
+A dead zone in a gear, the stops of a joint, a cable that only pulls and a table of a spring are the
+same thing: a resistance f(x, x') whose pieces begin at places x. With d = x - x_0 and s its sign,
+
+    f = f_0 + (s k |d|^n)(1 + s c_h x') + c x',     E = E_0 + f_0 d + k |d|^(n+1) / (n+1)
+
+What the march does at the ends of pieces: `pinflex.integrators.events`.
+Source: Hunt and Crossley (1975), J. Appl. Mech. 42, for c_h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinflex.arrays import Array, IntArray
+from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.blocks.external import FrameSpring
+    from pinflex.description.blocks.joints import Stops
+    from pinflex.description.description import Description
+    from pinflex.mechanics.model.expanded import Expansion
+
+FROM = -1e300  # where first pieces begin
+
+
+class Piece(NamedTuple):
+    """A piece of a law, from a place on: see above. damper: c. chi: c_h times the speed of entry."""
+
+    start: float
+    place: float
+    force: float
+    stiffness: float
+    power: float = 1.0
+    damper: float = 0.0
+    chi: float = 0.0
+
+
+class Row(NamedTuple):
+    """A law: name, velocity row (-1: of a spring), place in y, whether (cos, sin), its spring.
+
+    restitution: What rigid stops at the ends of its piece `free` give back of a speed; -1: none.
+    """
+
+    name: str
+    v: int
+    q: int
+    paired: bool
+    spring: int
+    pieces: tuple[Piece, ...]
+    restitution: float = -1.0
+    free: int = 0
+
+
+class Pull(NamedTuple):
+    """What a law resists by (..., ), its derivatives by x and x', energy [J] and power taken [W]."""
+
+    force: Array
+    slope: Array
+    damping: Array
+    energy: Array
+    loss: Array
+
+
+@dataclass(frozen=True)
+class Kinks:
+    """Laws of pieces of a system.
+
+    Attributes:
+        rows: Names, coordinates and pieces. energy: E_0 of the pieces of each, J.
+    """
+
+    __repr__ = brief
+
+    rows: tuple[Row, ...] = ()
+    energy: tuple[Array, ...] = field(default=())
+
+    @property
+    def of_coordinates(self) -> list[int]:
+        """Those over a coordinate."""
+        return [k for k, row in enumerate(self.rows) if row.v >= 0]
+
+    @property
+    def rigid(self) -> bool:
+        """Whether any gives a speed back at once, by a coefficient of restitution."""
+        return any(row.restitution >= 0.0 for row in self.rows)
+
+    def of_spring(self, spring: int) -> int:
+        """The law of a spring between frames, or -1."""
+        return next((k for k, row in enumerate(self.rows) if row.spring == spring), -1)
+
+    def position(self, k: int, y: Array) -> Array:
+        """The coordinate [rad | m] that law k is over, at y (..., nq), shape (...)."""
+        row = self.rows[k]
+        if row.paired:
+            return np.asarray(np.arctan2(y[..., row.q + 1], y[..., row.q]))
+        return np.asarray(y[..., row.q])
+
+    def piece(self, k: int, x: Array) -> IntArray:
+        """Pieces of law k at places x."""
+        starts = np.array([piece.start for piece in self.rows[k].pieces])
+        return np.searchsorted(starts, x, side="right") - 1
+
+    def pull(self, k: int, x: Array | float, rate: Array | float) -> Pull:
+        """Law k at places x and their rates: of states by themselves, without c_h."""
+        x, rate = np.asarray(x, float), np.asarray(rate, float)
+        p = self.piece(k, x)
+        _, place, force, k_, n, c, _ = np.array(self.rows[k].pieces).T[:, p]
+        d = x - place
+        deep = np.abs(d)
+        held = k_ * deep**n
+        energy = self.energy[k][p] + force * d + held * deep / (n + 1.0)
+        slope = n * k_ * deep ** (n - 1.0)
+        return Pull(force + np.sign(d) * held + c * rate, slope, c, energy, c * rate**2)
+
+    def ends(self, k: int, piece: int) -> tuple[float, float]:
+        """Where a piece of law k begins and ends."""
+        pieces = self.rows[k].pieces
+        last = piece + 1 == len(pieces)
+        return pieces[piece].start, np.inf if last else pieces[piece + 1].start
+
+    def tables(self, springs: int) -> dict[str, object]:
+        """Tables for the compiled kernel."""
+        numbers = [
+            (*piece[1:], energy)
+            for row, energies in zip(self.rows, self.energy, strict=True)
+            for piece, energy in zip(row.pieces, energies, strict=True)
+        ]
+        return {
+            "kink_v": [row.v for row in self.rows], "kink_q": [row.q for row in self.rows],
+            "kink_paired": [row.paired for row in self.rows],
+            "kink_at": np.cumsum([0, *(len(row.pieces) for row in self.rows)]),
+            "spring_kink": [self.of_spring(k) for k in range(springs)],
+            "kink_start": [piece.start for row in self.rows for piece in row.pieces],
+            "kink_piece": np.array(numbers, dtype=float).reshape(-1, 7),
+        }  # fmt: skip
+
+
+def made(rows: Sequence[Row]) -> Kinks:
+    """Laws with their energies, which are 0 where they resist least."""
+    return Kinks(tuple(rows), tuple(_energies(row.pieces) for row in rows))
+
+
+def _energies(pieces: Sequence[Piece]) -> Array:
+    """E_0 of pieces, such that energy is continuous, shape (pieces,)."""
+
+    def inside(piece: Piece, x: float) -> float:
+        d = x - piece.place
+        held = piece.stiffness * abs(d) ** (piece.power + 1.0) / (piece.power + 1.0)
+        return piece.force * d + held
+
+    found = [0.0]
+    for before, piece in zip(pieces[:-1], pieces[1:], strict=True):
+        x = piece.start
+        found.append(found[-1] + inside(before, x) - inside(piece, x))
+    idle = int(np.argmin([abs(piece.force) for piece in pieces]))  # a dead zone, or a zero
+    return np.array(found) - found[idle]
+
+
+def dead_zone(half: float, stiffness: float, damping: float) -> tuple[Piece, ...]:
+    """What a play of half its width takes from a linear spring and damper."""
+    lost = stiffness * half
+    return (
+        Piece(FROM, -half, lost, 0.0),
+        Piece(-half, 0.0, 0.0, -stiffness, 1.0, -damping),
+        Piece(half, half, -lost, 0.0),
+    )
+
+
+def stops(given: Stops) -> tuple[Piece, ...]:
+    """Springs and dampers beyond the stops of a joint."""
+    law = (0.0, given.stiffness or 0.0, 1.0, given.damping)
+    lower, upper = given.lower, given.upper
+    free = Piece(FROM if lower is None else lower, 0.0, 0.0, 0.0)
+    below = () if lower is None else (Piece(FROM, lower, *law),)
+    return (*below, free, *(() if upper is None else (Piece(upper, upper, *law),)))
+
+
+def table(points: Sequence[tuple[float, float]], damper: float = 0.0) -> tuple[Piece, ...]:
+    """Straight from point to point (place, force), and on beyond the first and the last."""
+    pieces = []
+    for k, ((x, f), (x1, f1)) in enumerate(zip(points[:-1], points[1:], strict=True)):
+        pieces.append(Piece(x if k else FROM, x, f, (f1 - f) / (x1 - x), 1.0, damper))
+    return tuple(pieces)
+
+
+def pull_only(stiffness: float, damper: float) -> tuple[Piece, ...]:
+    """A cable: nothing while it is slack."""
+    return Piece(FROM, 0.0, 0.0, 0.0), Piece(0.0, 0.0, 0.0, stiffness, 1.0, damper)
+
+
+def kinks(description: Description, model: pin.Model, expansion: Expansion | None) -> Kinks:
+    """Laws of pieces of a description; `expansion`: with gears that give way."""
+    rows = []
+    for name, extra in description.joints.items():
+        pieces = () if extra.stops is None else stops(extra.stops)
+        both = [("stop of ", pieces), ("table of ", table(extra.table) if extra.table else ())]
+        for what, each in both:
+            if each:
+                joint = model.joints[model.getJointId(name)]
+                given = None if extra.stops is None or what == "table of " else extra.stops
+                back = -1.0 if given is None or given.restitution is None else given.restitution
+                place = int(joint.idx_v), int(joint.idx_q), joint.nq == 2
+                free = int(given is not None and given.lower is not None)
+                rows.append(Row(what + name, *place, -1, each, back, free))
+    for place in () if expansion is None else expansion.drives:
+        drive = description.joints[place.joint].drive
+        if drive is not None and drive.backlash:
+            half = dead_zone(0.5 * drive.backlash, drive.stiffness or 0.0, drive.damping)
+            at = int(model.nv) + place.eta, int(model.nq) + place.eta
+            rows.append(Row(f"play of {place.joint}", *at, False, -1, half))
+    for k, spring in enumerate(description.springs):
+        if law := spring_law(spring):
+            rows.append(Row(spring.name, -1, 0, False, k, law))
+    return made(rows)
+
+
+def spring_law(spring: FrameSpring) -> tuple[Piece, ...]:
+    """The pieces of a spring between frames; none of one that is straight."""
+    if spring.table:
+        return table(spring.table, spring.damper)
+    return pull_only(spring.stiffness, spring.damper) if spring.tension_only else ()
