@@ -22,6 +22,7 @@ from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
 
 _FAINT = 1e-7  # of the fastest bounce of a stop: those that are slower have no end
+_SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
 
@@ -61,12 +62,13 @@ class Events:
 
     def begin(self, march: MarchKernel) -> None:
         """The pieces that a run starts in; at a border, those that it moves into."""
-        x = self._evaluator.elongations(march.y[None])[0]
+        system = self._problem.dynamics.system
+        soon = system.integrate(march.y, _SOON * march.v)
+        x, later = self._evaluator.elongations(np.array([march.y, soon]))
         for k, row in enumerate(self.kinks.rows):
             piece = int(self.kinks.piece(k, x[k]))
             low = self.kinks.ends(k, piece)[0]
-            backwards = row.v >= 0 and march.v[row.v] < 0.0
-            if backwards and piece and abs(x[k] - low) <= 1e-12 * (1.0 + abs(low)):
+            if later[k] < x[k] and piece and abs(x[k] - low) <= 1e-12 * (1.0 + abs(low)):
                 piece -= 1
             if row.restitution >= 0.0:
                 piece = row.free
