@@ -8,6 +8,7 @@ from typing import Any
 
 from pinflex import registered
 from pinflex.description.blocks.frames import WORLD, ends
+from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import Vec3
@@ -17,6 +18,8 @@ from pinflex.text import brief
 Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
 TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
+_PIN = ("clearance", "pin", "restitution", "contact", "pin_material")  # of a pin in a hole
+CONTACTS = ("flores", "lankarani_nikravesh")
 _NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
 
 
@@ -42,12 +45,12 @@ LOOP_KINDS: dict[str, LoopKind] = {
     kind.name: kind
     for kind in (
         LoopKind("weld", (0, 1, 2), TURNED),
-        LoopKind("revolute", (0, 1, 2), ALONG, ("axis",)),
+        LoopKind("revolute", (0, 1, 2), ALONG, ("axis", *_PIN)),
         LoopKind("prismatic", (0, 1), TURNED, ("axis",)),
         LoopKind("cylindrical", (0, 1), ALONG, ("axis",)),
         LoopKind("universal", (0, 1, 2), ((2, 0),), ("axis", "axis_b")),
         LoopKind("spherical", (0, 1, 2)),
-        LoopKind("planar", (0, 1), (), ("axis",)),
+        LoopKind("planar", (0, 1), (), ("axis", *_PIN)),
         LoopKind("distance", keys=("length",)),  # one row of its own
         LoopKind("slider", keys=("sleeve", "pivoting", "turning")),  # the rows of its sleeve
     )
@@ -106,6 +109,10 @@ class Loop:
         pivoting: slider: the sleeve turns freely on three points in line, instead of along the
             beam's tangent at its middle.
         turning: slider: the sleeve may turn against frame b; else it is fixed to it.
+        clearance: Radius of the hole less that of the pin [m]; None: the joint is ideal.
+        pin: Diameter of the pin [m]. pin_material: Of pin and hole.
+        restitution: Part of the speed that a blow of the pin gives back, above 0 to 1.
+        contact: What a blow is damped by: one of `CONTACTS`.
         grounded: Whether the frame called `WORLD` is a place on the ground: that which the guess
             of home gives to the other frame.
         at: Point of the ground instead of it [m].
@@ -123,6 +130,11 @@ class Loop:
     sleeve: float = schema.real(0.0, "length", low=0)
     pivoting: bool = schema.flag(False)
     turning: bool = schema.flag(True)
+    clearance: float | None = schema.real(None, "length", above=0)
+    pin: float | None = schema.real(None, "length", above=0)
+    restitution: float = schema.real(0.9, above=0, high=1)
+    contact: str = schema.word("flores", CONTACTS)
+    pin_material: str = schema.word("steel", MATERIALS)
     grounded: bool = False
     at: Vec3 | None = None
 
@@ -156,6 +168,13 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
     if loop.pivoting and loop.sleeve == 0:
         raise DescriptionError(
             f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
+        )
+    for key in [key for key in _PIN if key in block]:
+        if loop.clearance is None:
+            raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
+    if loop.clearance is not None and loop.pin is None:
+        raise DescriptionError(
+            f"{place['clearance']}: of which pin? Add its diameter, `pin`, in m."
         )
     if loop.pivoting and not loop.turning:
         raise DescriptionError(

@@ -118,12 +118,20 @@ class Mechanism:
 
     @cached_property
     def loose(self) -> System:
-        """The flexible mechanism of level coupled: a free base and loose bodies are let go."""
+        """The flexible mechanism of level coupled: a free base and loose bodies are let go.
+
+        Pins that have clearance are held by contact.
+        """
         let_go = np.union1d(self.idle.base, self.idle.loose)
+        system = self.flexible
+        if any(loop.clearance is not None for loop in self.description.loops):
+            from pinflex.mechanics.clearance import with_clearance
+
+            system = with_clearance(system, self.description.loops)
         if not len(let_go):
-            return self.flexible
-        held = np.setdiff1d(self.flexible.held, let_go).astype(np.intp)
-        return replace(self.flexible, held=held)
+            return system
+        held = np.setdiff1d(system.held, let_go).astype(np.intp)
+        return replace(system, held=held)
 
     @property
     def motors(self) -> tuple[str, ...]:

@@ -59,6 +59,15 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         for k, (name, kind) in enumerate(zip(system.closed.names, system.closed.kinds, strict=True))
         if kind != "coupling"
     }
+    if system.kinks.rows and any(one.clearance for one in mechanism.description.loops):
+        from pinflex.mechanics.clearance import pins
+
+        places = equations.joint_poses(run.y)
+        for name, (place, force) in pins(system, mechanism.description.loops, places).items():
+            out[f"loop/{name}/orbit"] = place
+            out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + np.pad(
+                force, ((0, 0), (0, 3))
+            )
     for name in mechanism.rigid.rigid.names[1:]:
         out[f"reaction/{name}"] = f[model.getJointId(name)]
     out["residual/closure"] = np.abs(c).max(axis=1, initial=0.0)

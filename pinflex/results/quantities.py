@@ -106,6 +106,8 @@ KEYS = (
     Key("loop/NAME/wrench", "(nt, 6)", "N, N m",
         "force and moment of a loop joint on the body of its frame b, about that frame's origin, "
         "in world axes", WRENCH),
+    Key("loop/NAME/orbit", "(nt, 3)", "m",
+        "centre of a pin that has clearance in its hole, in the axes of the loop's frame a", XYZ),
     Key("reaction/NAME", "(nt, 6)", "N, N m",
         "force and moment of the parent on the child of a joint, in the child's frame", WRENCH),
     Key("reaction_world/NAME", "(nt, 6)", "N, N m",

@@ -28,7 +28,11 @@ from pinflex.solver.step_length import default_step
 
 _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
+_CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
+# Blows multiply what runs differ by: runs beyond the first after which the last one is answered with
+# a word, where pins have clearance, and of others with contacts.
+_CHAOTIC, _ABRUPT = 1, 3
 _FINER = 16.0  # resolution of a run of collocation over that of the next
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
@@ -78,6 +82,8 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
 
     abrupt = scene.sticks or scene.bends
     first, gain = (_STICKING * tol, 1.0) if abrupt else (8.0 * tol, 3.0)
+    if scene.bends and not scene.sticks:
+        first = _CONTACTS * tol
     return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
 
 
@@ -136,12 +142,16 @@ class _Refinement:
         self.cost: dict[str, float] = {}
         self.failures = self.worse = self.runs = 0
         self.last: Run | None = None
+        loops = scene.mechanism.description.loops
+        loose = any(loop.clearance is not None for loop in loops)
+        self.rounds = _ROUNDS if not scene.bends else _CHAOTIC if loose else _ABRUPT
 
     def run(self) -> Run:
         """The first run whose estimate is half of the tolerance."""
         coarse: Run | None = None
+        before_last: Run | None = None
         worst = np.inf
-        while self.runs <= _ROUNDS and self.worse <= _FAILURES:
+        while self.runs <= self.rounds and self.worse <= _FAILURES:
             self.runs += 1
             fine = self._next(coarse)
             if fine is not None and coarse is not None:
@@ -152,7 +162,9 @@ class _Refinement:
                 if worst <= 0.5 * self.tol:
                     return self.last
                 self.worse += worst > before
-            self.size, coarse = self.size / self.ratio, fine
+            self.size, before_last, coarse = self.size / self.ratio, coarse, fine
+        if self.scene.bends and self.last is not None and before_last is not None:
+            return _parted(before_last, self.last, self.tol)
         raise self._not_reached()
 
     def _next(self, coarse: Run | None) -> Run | None:
@@ -205,6 +217,21 @@ class _Refinement:
         )
         failed.result = self.last
         return failed
+
+
+def _parted(coarse: Run, fine: Run, tol: float) -> Run:
+    """The finer of two runs with contacts that part, with a word on what it may be used for."""
+    which = "torque" if fine.torque.size else "y"
+    a, b = (getattr(run, which) for run in (coarse, fine))
+    apart = np.abs(a - b).max(axis=1) > tol * max(np.abs(b).max(), 1e-300)
+    when = float(fine.t[np.argmax(apart)]) if apart.any() else float(fine.t[-1])
+    peaks = ", ".join(f"{np.abs(x).max():.4g}" for x in (a, b))
+    words = (
+        f"contacts multiply what two runs differ by: they part by more than tol = {tol:g} at t = "
+        f"{when:.4g} s, and from there on a single history means little. Peaks (the two have "
+        f"{peaks}), means and spectra of a long run do; a shorter `until` is within tol."
+    )
+    return replace(fine, warnings=(*fine.warnings, words))
 
 
 def _worst(run: Run) -> float:
