@@ -494,6 +494,9 @@ def _with_events(run: Run, events: Events) -> Run:
     """A run with its contacts, and the energy that bounces took."""
     said = [event._asdict() for event in events.found]
     cost, settings = {**run.cost, "events": float(len(said))}, {**run.settings, "events": said}
+    springs, rows = run.system.loads.springs, run.system.kinks.rows
+    if gaps := {row.name: springs[row.spring][0].length for row in rows if row.pin}:
+        settings["clearances"] = gaps
     work = None if run.work is None else run.work.copy()
     if work is not None:
         work[:, 1] += events.losses(run.t)

@@ -73,7 +73,7 @@ def with_clearance(system: System, loops: Sequence[Loop]) -> System:
                 Piece(FROM, 0.0, 0.0, 0.0),
                 Piece(0.0, 0.0, 0.0, stiffness(loop), _HERTZ, 0.0, chi),
             )
-            rows.append(Row(name, -1, 0, False, len(springs), law))
+            rows.append(Row(name, -1, 0, False, len(springs), law, pin=True))
             gap = float(loop.clearance or 0.0)
             spring = FrameSpring(name, loop.frame_a, loop.frame_b, 0.0, chi, gap)
             springs.append((spring, a, b))
@@ -88,7 +88,7 @@ def pins(system: System, loops: Sequence[Loop], poses: Array) -> dict[str, tuple
     """
     found, closed = {}, system.closed
     wide = {loop.name: loop.clearance for loop in loops if loop.clearance is not None}
-    by_name = {row.name: k for k, row in enumerate(system.kinks.rows) if row.spring >= 0}
+    by_name = {row.name: k for k, row in enumerate(system.kinks.rows) if row.pin}
     frames = closed.frames(poses) if wide and by_name else np.zeros((0, 0, 3, 4))
     for k, name in enumerate(closed.names):
         if name in wide and name in by_name:

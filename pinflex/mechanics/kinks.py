@@ -46,6 +46,7 @@ class Row(NamedTuple):
     """A law: name, velocity row (-1: of a spring), place in y, whether (cos, sin), its spring.
 
     restitution: What rigid stops at the ends of its piece `free` give back of a speed; -1: none.
+    pin: Whether it is one in a hole (`pinflex.mechanics.clearance`).
     """
 
     name: str
@@ -56,6 +57,7 @@ class Row(NamedTuple):
     pieces: tuple[Piece, ...]
     restitution: float = -1.0
     free: int = 0
+    pin: bool = False
 
 
 class Pull(NamedTuple):

@@ -71,12 +71,31 @@ def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None
     kind, _, name = quantity.partition("/")
     if quantity == "stress" or (kind == "link" and name in result.links):
         return _stress(result, None if quantity == "stress" else name, ax)
+    if kind == "loop" and name.endswith("/orbit"):
+        return _orbit(result, name.removesuffix("/orbit"), ax)
     curves, label = _curves(result, quantity)
     heading = f"{result.meta.get('name', '')}, {result.level}"
     if without_time(quantity):
         rows = np.arange(len(result.array(quantity)), dtype=float)
         return draw(rows, curves, label, heading, ax, "row")
     return draw(result.t, curves, label, heading, ax)
+
+
+def _orbit(result: Result, name: str, ax: Axes | None) -> Any:
+    """Axes with the way of a pin's centre in its hole, and the circle where it touches."""
+    place = 1e6 * result.array(f"loop/{name}/orbit")
+    on: Axes = shown_axes(lambda: panels(1, 1)[0]) if ax is None else styled(ax)
+    gap = result.meta["settings"].get("clearances", {}).get(name)
+    if gap is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, 181)
+        on.plot(1e6 * gap * np.cos(turn), 1e6 * gap * np.sin(turn), color="0.6", lw=0.8)
+    on.plot(place[:, 0], place[:, 1], color=COLOURS[0], lw=0.5, marker=".", ms=2)
+    on.set_aspect("equal")
+    on.set_xlabel("x in the hole [µm]")
+    on.set_ylabel("y in the hole [µm]")
+    if ax is None:
+        title(on, f"{result.meta.get('name', '')}, pin of {name}")
+    return on
 
 
 def plot_spectrum(result: Result, quantity: str, ax: Axes | None = None, **options: Any) -> Any:
