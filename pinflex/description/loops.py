@@ -173,9 +173,7 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
         if loop.clearance is None:
             raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
     if loop.clearance is not None and loop.pin is None:
-        raise DescriptionError(
-            f"{place['clearance']}: of which pin? Add its diameter, `pin`, in m."
-        )
+        raise DescriptionError(f"{place['clearance']}: of which pin? Add its diameter: `pin`.")
     if loop.pivoting and not loop.turning:
         raise DescriptionError(
             f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."

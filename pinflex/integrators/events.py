@@ -3,15 +3,14 @@
 The compiled march cuts its steps there (kernel/source/events.c). Behind the border another piece
 acts, and accelerations begin anew; or a rigid stop gives back a part e of the speed x' at once:
 
-    M dv - J' L = n p,   J dv = 0,   x'+ = -e x'-       (Newton 1687; energy lost: (1 - e^2) x'^2 m / 2)
+    M dv - J' L = n p,   J dv = 0,   x'+ = -e x'-
 
-with m = 1 / (n . dv/p) the mass that the stop meets. Bounces that come ever faster have no end in
-finite steps (Zeno): they are told, and the run stops there.
+with m = 1 / (n . dv/p) the mass that the stop meets, which loses (1 - e^2) x'^2 m / 2 (Newton).
+Bounces that come ever faster have no end in finite steps (Zeno): they are told, and the run stops
+there.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,29 +19,12 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
+from pinflex.results.views import Event
 
 _FAINT = 1e-7  # of the fastest bounce of a stop: those that are slower have no end
 _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
-
-
-class Event(NamedTuple):
-    """A contact, release or bounce.
-
-    Attributes:
-        time: [s]. name: Of the law. what: contact, release, bounce, or bend of a table.
-        speed: Of approach [rad/s | m/s].
-        impulse: Of a bounce [N m s | N s]; 0 of others: their forces are finite.
-        loss: Energy that a bounce takes [J].
-    """
-
-    time: float
-    name: str
-    what: str
-    speed: float
-    impulse: float
-    loss: float
 
 
 class Events:

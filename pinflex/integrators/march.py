@@ -493,14 +493,14 @@ def along(
 def _with_events(run: Run, events: Events) -> Run:
     """A run with its contacts, and the energy that bounces took."""
     said = [event._asdict() for event in events.found]
-    cost, settings = {**run.cost, "events": float(len(said))}, {**run.settings, "events": said}
+    settings: dict[str, object] = {**run.settings, "events": said}
     springs, rows = run.system.loads.springs, run.system.kinks.rows
     if gaps := {row.name: springs[row.spring][0].length for row in rows if row.pin}:
         settings["clearances"] = gaps
     work = None if run.work is None else run.work.copy()
     if work is not None:
         work[:, 1] += events.losses(run.t)
-    return replace(run, cost=cost, settings=settings, work=work)
+    return replace(run, settings=settings, work=work)
 
 
 def _stuck(name: str, now: State) -> ConvergenceError:

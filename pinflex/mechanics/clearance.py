@@ -42,9 +42,8 @@ def stiffness(loop: Loop) -> float:
     assert loop.clearance is not None
     material, radius = named(loop.pin_material), 0.5 * (loop.pin or 0.0)
     softness = 2.0 * (1.0 - material.nu**2) / material.E
-    return float(
-        4.0 / (3.0 * softness) * (radius * (radius + loop.clearance) / loop.clearance) ** 0.5
-    )
+    apart = radius * (radius + loop.clearance) / loop.clearance
+    return float(4.0 / (3.0 * softness) * apart**0.5)
 
 
 def damping(loop: Loop) -> float:
@@ -69,10 +68,8 @@ def with_clearance(system: System, loops: Sequence[Loop]) -> System:
             loop, ends = cut[name], (k, len(closed.names) + k)
             a, b = (_attachment(int(closed.bodies[i]), closed.local[i]) for i in ends)
             chi = damping(loop)
-            law = (
-                Piece(FROM, 0.0, 0.0, 0.0),
-                Piece(0.0, 0.0, 0.0, stiffness(loop), _HERTZ, 0.0, chi),
-            )
+            rim = Piece(0.0, 0.0, 0.0, stiffness(loop), _HERTZ, 0.0, chi)
+            law = Piece(FROM, 0.0, 0.0, 0.0), rim
             rows.append(Row(name, -1, 0, False, len(springs), law, pin=True))
             gap = float(loop.clearance or 0.0)
             spring = FrameSpring(name, loop.frame_a, loop.frame_b, 0.0, chi, gap)

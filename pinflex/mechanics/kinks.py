@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ FROM = -1e300  # where first pieces begin
 
 
 class Piece(NamedTuple):
-    """A piece of a law, from a place on: see above. damper: c. chi: c_h times the speed of entry."""
+    """A piece of a law, from a place on (see above); damper: c, chi: c_h times speed of entry."""
 
     start: float
     place: float
@@ -61,7 +62,7 @@ class Row(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """What a law resists by (..., ), its derivatives by x and x', energy [J] and power taken [W]."""
+    """What a law resists by, its derivatives by x and x', energy [J] and power taken [W]."""
 
     force: Array
     slope: Array
@@ -154,11 +155,11 @@ def _energies(pieces: Sequence[Piece]) -> Array:
 
     def inside(piece: Piece, x: float) -> float:
         d = x - piece.place
-        held = piece.stiffness * abs(d) ** (piece.power + 1.0) / (piece.power + 1.0)
-        return piece.force * d + held
+        power = piece.power + 1.0
+        return float(piece.force * d + piece.stiffness * abs(d) ** power / power)
 
     found = [0.0]
-    for before, piece in zip(pieces[:-1], pieces[1:], strict=True):
+    for before, piece in pairwise(pieces):
         x = piece.start
         found.append(found[-1] + inside(before, x) - inside(piece, x))
     idle = int(np.argmin([abs(piece.force) for piece in pieces]))  # a dead zone, or a zero
@@ -187,7 +188,7 @@ def stops(given: Stops) -> tuple[Piece, ...]:
 def table(points: Sequence[tuple[float, float]], damper: float = 0.0) -> tuple[Piece, ...]:
     """Straight from point to point (place, force), and on beyond the first and the last."""
     pieces = []
-    for k, ((x, f), (x1, f1)) in enumerate(zip(points[:-1], points[1:], strict=True)):
+    for k, ((x, f), (x1, f1)) in enumerate(pairwise(points)):
         pieces.append(Piece(x if k else FROM, x, f, (f1 - f) / (x1 - x), 1.0, damper))
     return tuple(pieces)
 
@@ -208,15 +209,15 @@ def kinks(description: Description, model: pin.Model, expansion: Expansion | Non
                 joint = model.joints[model.getJointId(name)]
                 given = None if extra.stops is None or what == "table of " else extra.stops
                 back = -1.0 if given is None or given.restitution is None else given.restitution
-                place = int(joint.idx_v), int(joint.idx_q), joint.nq == 2
+                at = int(joint.idx_v), int(joint.idx_q), bool(joint.nq == 2)
                 free = int(given is not None and given.lower is not None)
-                rows.append(Row(what + name, *place, -1, each, back, free))
+                rows.append(Row(what + name, *at, -1, each, back, free))
     for place in () if expansion is None else expansion.drives:
         drive = description.joints[place.joint].drive
         if drive is not None and drive.backlash:
             half = dead_zone(0.5 * drive.backlash, drive.stiffness or 0.0, drive.damping)
-            at = int(model.nv) + place.eta, int(model.nq) + place.eta
-            rows.append(Row(f"play of {place.joint}", *at, False, -1, half))
+            v, q = int(model.nv) + place.eta, int(model.nq) + place.eta
+            rows.append(Row(f"play of {place.joint}", v, q, False, -1, half))
     for k, spring in enumerate(description.springs):
         if law := spring_law(spring):
             rows.append(Row(spring.name, -1, 0, False, k, law))

@@ -65,9 +65,8 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         places = equations.joint_poses(run.y)
         for name, (place, force) in pins(system, mechanism.description.loops, places).items():
             out[f"loop/{name}/orbit"] = place
-            out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + np.pad(
-                force, ((0, 0), (0, 3))
-            )
+            pressed = np.pad(force, ((0, 0), (0, 3)))
+            out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + pressed
     for name in mechanism.rigid.rigid.names[1:]:
         out[f"reaction/{name}"] = f[model.getJointId(name)]
     out["residual/closure"] = np.abs(c).max(axis=1, initial=0.0)

@@ -58,6 +58,7 @@ def summary(result: Result) -> str:
     if "newton" in cost:
         each = f" ({cost['newton'] / cost['steps']:.2f} a step)" if cost.get("steps") else ""
         rows.append(("Newton iterations", f"{cost['newton']}{each}"))
+    rows += [("contacts", f"{len(result.events)} events (run.events)")] if result.events else []
     rows += [("wall time", f"{cost['seconds']:.3g} s")] if "seconds" in cost else []
     by = str(result.meta.get("evaluated_by", ""))
     rows += [("equations", by)] if by.startswith("numpy") else []  # not by the compiled kernel

@@ -23,6 +23,7 @@ from pinflex.results.quantities import QUANTITIES, unit_of
 from pinflex.results.report import Shown
 from pinflex.results.views import (
     Deviation,
+    Event,
     FrameView,
     JointView,
     LinkView,
@@ -104,6 +105,11 @@ class Result(Shown):
             return self.look(self)
         time, how = time_error(self.meta.get("settings", {}), self.level)
         return ErrorBars(time, {}, how, "not measured: a stored result has no model to look at")
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Contacts, releases and bounces of a run with stops, backlash, cables or clearance."""
+        return tuple(Event(**one) for one in self.meta.get("settings", {}).get("events", ()))
 
     def with_errors(self) -> Result:
         """The result with `errors` in its meta, so that a file of it has them too."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -170,6 +170,26 @@ def worst_section(result: Result, kind: str = "von_mises", link: str | None = No
             best = Worst(name, kind, float(view.x[j]), float(result.t[k]), float(values[k, j]))
     assert best is not None
     return best
+
+
+class Event(NamedTuple):
+    """A contact, release or bounce of a run.
+
+    Attributes:
+        time: [s].
+        name: Loop or spring, or "stop of", "table of", "play of" with a joint.
+        what: contact, release, bounce (of a rigid stop), or bend (of a table).
+        speed: Of approach or release [rad/s | m/s].
+        impulse: Of a bounce [N m s | N s]; 0 of others, whose forces are finite.
+        loss: Energy that a bounce takes [J].
+    """
+
+    time: float
+    name: str
+    what: str
+    speed: float
+    impulse: float
+    loss: float
 
 
 class View:

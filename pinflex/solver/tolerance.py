@@ -30,8 +30,8 @@ _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose 
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
 _CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
-# Blows multiply what runs differ by: runs beyond the first after which the last one is answered with
-# a word, where pins have clearance, and of others with contacts.
+# Blows multiply what runs differ by: runs beyond the first after which the last one is answered
+# with a word, where pins have clearance, and of others with contacts.
 _CHAOTIC, _ABRUPT = 1, 3
 _FINER = 16.0  # resolution of a run of collocation over that of the next
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
@@ -71,8 +71,8 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
     every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
-    to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by all that
-    the two differ by, and what the first step of a pilot misses would show as that.
+    to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by all
+    that the two differ by, and what the first step of a pilot misses would show as that.
     """
 
     def attempt(resolution: float, coarser: Run | None) -> Run:

@@ -163,7 +163,7 @@ def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, 
                 f"{'Give it.' if grounded else f'Neither end is {WORLD}: remove it.'}"
             )
         a, b = ends(pair, schema.at(here, "between"), urdf, grounded)
-        values = {
+        values: dict[str, Any] = {
             key: schema.number(block[key], schema.at(here, key), low=0, of=quantity)
             for key, quantity in SPRING_KEYS.items()
             if key in block
@@ -178,9 +178,8 @@ def _one_sided(block: dict[str, Any], here: str) -> dict[str, Any]:
     """What of a spring is not straight."""
     found: dict[str, Any] = {}
     if "tension_only" in block:
-        found["tension_only"] = schema.boolean(
-            block["tension_only"], schema.at(here, "tension_only")
-        )
+        taut = schema.boolean(block["tension_only"], schema.at(here, "tension_only"))
+        found["tension_only"] = taut
     if "table" in block:
         found["table"] = schema.points(block["table"], schema.at(here, "table"), "place", "force")
         for key in block.keys() & {"stiffness", "tension_only"}:

@@ -42,9 +42,8 @@ class LoadState:
         for k, (_, a, b) in enumerate(self._given.springs):
             p_a, d, length = self._line(a, b)
             u = d / max(length, 1e-300)
-            wrench = self._pull(k, length, self._rate(a, b, V)).force * np.concatenate(
-                [u, np.cross(p_a, u)]
-            )
+            pull = self._pull(k, length, self._rate(a, b, V)).force
+            wrench = pull * np.concatenate([u, np.cross(p_a, u)])
             total[a.joint] += wrench
             total[b.joint] -= wrench
         return total

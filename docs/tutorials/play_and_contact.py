@@ -1,0 +1,97 @@
+# %% [markdown]
+# # Play, stops and clearance
+#
+# Real joints have play: gears backlash, pins clearance; ways have ends, cables only pull. Each is
+# one key of the YAML. The steps of level coupled end where something touches and where it lets go,
+# so that a contact costs no accuracy, and `run.events` lists them.
+#
+# ## Backlash
+#
+# A motor swings a link to and fro; its gear has 0.5 deg of play from flank to flank.
+
+# %%
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import pinflex as pf
+
+Path("arm.urdf").write_text("""<robot name="arm"><link name="base"/><link name="link"><inertial>
+<origin xyz=".2 0 0"/><mass value="1"/>
+<inertia ixx="1e-3" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="elbow" type="revolute"><parent link="base"/><child link="link"/>
+<axis xyz="0 1 0"/><limit effort="50" velocity="3" lower="-2" upper="2"/></joint></robot>""")
+Path("arm.yaml").write_text("""urdf: arm.urdf
+actuated: [elbow]
+frames: [link]
+joints: {elbow: {drive: {motor_inertia: 0.05, stiffness: 800, damping: 0.5, backlash: 0.5 deg}}}
+motion: {kind: harmonic, joints: {elbow: 0.5}, frequency: 2, smooth: 0.3, duration: 1.5}
+solve: {level: coupled, start: straight, tol: 1.0e-5}
+""")
+loose = pf.solve(pf.load("arm.yaml"))
+tight = pf.solve(pf.load("arm.yaml", ["joints.elbow.drive.backlash=0"]))
+print(len(loose.events), "contacts and releases, the first:", loose.events[0])
+
+figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
+for run, name in ((tight, "without play"), (loose, "0.5 deg")):
+    axes.plot(run.t, np.degrees(run.drive("elbow").deflection), label=name)
+axes.axhspan(-0.25, 0.25, color="0.9")
+axes.set(xlabel="t [s]", ylabel="gear [deg]")
+axes.legend(frameon=False);
+
+# %% [markdown]
+# The link lies on one flank under its weight, and crosses the play (grey) where the motion
+# turns the torque round.
+#
+# ## Stops
+#
+# `stiffness` and `damping` make a bumper, `restitution` a rigid stop, which gives back a part of
+# the speed at once: the event has the impulse and the energy that is lost.
+
+# %%
+Path("falling.yaml").write_text("""urdf: arm.urdf
+actuated: []
+frames: [link]
+joints: {elbow: {stops: {upper: 1.0, restitution: 0.6}}}
+solve: {level: coupled, start: straight, tol: 1.0e-6, until: 0.9}
+""")
+rigid = pf.solve(pf.load("falling.yaml"))
+for event in rigid.events:
+    print(f"{event.time:.4f} s: {event.speed:.3f} rad/s, {event.impulse:.3f} N m s, "
+          f"{event.loss:.4f} J")
+bumper = pf.solve(
+    pf.load("falling.yaml", ["joints.elbow.stops={upper: 1.0, stiffness: 200, damping: 3}"])
+)
+figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
+axes.plot(rigid.t, rigid.joint("elbow").position, label="restitution 0.6")
+axes.plot(bumper.t, bumper.joint("elbow").position, label="bumper")
+axes.axhline(1.0, color="0.6", lw=0.8)
+axes.set(xlabel="t [s]", ylabel="elbow [rad]")
+axes.legend(frameon=False);
+
+# %% [markdown]
+# ## Pins with clearance
+#
+# Two pins of the planar 3-RRR, 5 mm thick, get 50 um of clearance. Its links see the blows.
+
+# %%
+pins = [f"loops.pin_{k}.{key}" for k in (2, 3) for key in ("clearance=50 um", "pin=5 mm")]
+ideal = pf.solve(pf.load("3rrr"), tol=1e-3, until=0.05, samples=501)
+run = pf.solve(pf.load("3rrr", pins), tol=1e-3, until=0.05, samples=501)
+for name, each in (("ideal", ideal), ("loose", run)):
+    print(f"{name} pins: peak torque {np.abs(each.torque).max():.1f} N m")
+print(len(run.events), "contacts and releases; energy accounted for to", run.meta["energy_balance"])
+print(*run.meta["warnings"], sep="\n")
+run.plot("loop/pin_2/orbit");
+
+# %% [markdown]
+# Read the last warning: blows multiply small differences, so that after some of them two runs
+# part whatever the step. Peaks, means and spectra of a long run are what to ask for then, or the
+# history up to the time that the warning names.
+#
+# ## Cables and springs that are not straight
+#
+# `springs: {cable: {between: [A, B], stiffness: 1e5, length: 0.4, tension_only: true}}` pulls and
+# never pushes; `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness is a spring by
+# points (elongation, pull), and `joints: {NAME: {table: ...}}` the same in a joint.
