@@ -16,7 +16,7 @@ from typing import Any
 
 from pinflex import boundary
 from pinflex.cli import process
-from pinflex.cli.parser import Layout, Parser
+from pinflex.cli.parser import Overview, Parser
 from pinflex.errors import KernelWarning, PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
@@ -33,25 +33,7 @@ _TITLE = (
 _EPILOG = """\
 A MODEL is a YAML file, its folder, or the name of a shipped model: delta, 3rrr, 3rrs, ur5, ...
 
-examples:
-  pinflex compare delta                what shakes, torques, stress, animation in ./delta-compare
-  pinflex check 3rrr                   what was understood of the model
-  pinflex modes ur5 --count 6          natural frequencies
-  pinflex advise race_r1 --tol 0.02    what the scene needs for that
-  pinflex command delta -o command.csv the motor motion with which the platform follows its path
-  pinflex shapers delta                shapers for its motion, and how robust they are
-  pinflex frf delta -o frf.png         frequency response of a motor, and its zeros
-  pinflex solve 3rrr -o run.npz        one run
-  pinflex sweep ur5 --set flexible.*.material.E=5e10:9e10:5 --out table.csv
-  pinflex map 3rrr --grid x=-.05:.05:5 --grid y=-.05:.05:5 --plot map.png
-  pinflex sensitivity delta            what to change, and what it does
-  pinflex design delta --minimise mass --vary ... --keep 'frequency.1 > base'
-  pinflex fit ur5 hammer.csv --vary ... the numbers that explain measurements
-  pinflex bench 3rrs                   which level, modes and step buy which error
-  pinflex view run.npz                 its animation
-  pinflex verify                       published benchmarks on this machine
-  pinflex import robot.xml             a YAML for an MJCF, SDF, URDF or Gepetto's robot.yaml
-
+Begin with `pinflex compare delta`. `pinflex COMMAND --help` says more, with an example.
 exit codes: 0 done, 1 the scene cannot be solved, 2 bad input"""
 
 
@@ -119,7 +101,7 @@ def _complain(text: str, code: int) -> int:
 
 def build_parser(typed: str = "") -> argparse.ArgumentParser:
     """The parser of all commands, or, sooner made, of the one that was typed."""
-    parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Layout, epilog=_EPILOG)
+    parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Overview, epilog=_EPILOG)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, parser_class=Parser

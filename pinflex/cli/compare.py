@@ -22,7 +22,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "compare",
-        "the main job: rigid against flexible",
+        "rigid against flexible: what shakes, torques, stress, the level that suffices",
         """
 Solves the scene rigid and flexible and says what shakes by how much, how far the torques are off,
 what the links bear and which level suffices; writes tables, figures, the runs and an animation. A

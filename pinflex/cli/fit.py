@@ -15,7 +15,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "fit",
-        "the numbers that explain measured frequencies, responses or time histories",
+        "the numbers that explain measured frequencies, responses or histories",
         """
 MEASURED is a CSV with a line of column names:
   frequency, std, mode, FRAME.x ...                natural frequencies [Hz] at home, motors locked;

@@ -28,7 +28,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "frf",
-        "frequency response from a motor or force to motors and platform, with its zeros",
+        "frequency response from a motor or force to motors and platform",
         """
 Linearises about the static equilibrium. The zeros tell what feedback can do: a collocated pair
 has its zeros left of the axis or on it (minimum phase) and can be damped; a zero right of it

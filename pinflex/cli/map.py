@@ -24,7 +24,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "map",
-        "natural frequencies and platform stiffness over a grid of poses, or along the motion",
+        "natural frequencies and platform stiffness over poses",
         """
 Grids are displacements from home: of the platform's x, y, z [m], rz, ry, rx [rad], or of motors.
 Coordinates that are not named stay as at home. A frequency's column follows one mode shape from

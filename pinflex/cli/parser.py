@@ -13,6 +13,8 @@ from pinflex.errors import DescriptionError
 
 _MOST_SAMPLES = 1_000_000  # of a run: 100 MB for each hundred columns
 
+_LONGEST = 15  # characters of a command's name, indented by four
+
 Commands = Any  # argparse's private _SubParsersAction
 
 
@@ -43,6 +45,14 @@ class Layout(argparse.RawDescriptionHelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=28, width=96)
+
+
+class Overview(Layout):
+    """The same for the list of all commands: a line each."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = _LONGEST
 
 
 def command(

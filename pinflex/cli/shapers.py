@@ -17,7 +17,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "shapers",
-        "input shapers for the motion: time they cost, vibration that a wrong frequency leaves",
+        "input shapers for the motion: time they cost, ringing they leave",
         """
 Finds the modes (motors locked) into which the motion of the YAML puts energy, and tells for
 ZV, ZVD and EI shapers of their frequencies how much longer the motion gets, and which share of the

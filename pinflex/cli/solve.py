@@ -25,7 +25,7 @@ def add(commands: parser.Commands) -> None:
     p = parser.command(
         commands,
         "solve",
-        "one level of the scene",
+        "one run at one level",
         """
 Levels, from cheap to faithful: rigid, quasistatic, ked (linear vibration), coupled (everything). A
 run that stops early is saved up to its last good step.""",

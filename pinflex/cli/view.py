@@ -63,7 +63,7 @@ the page, which switches, overlays and subtracts them; the last is shown first."
     p.add_argument(
         "--live",
         action="store_true",
-        help="play in meshcat (pip install 'pinflex[live]'), this machine only, until Ctrl-C",
+        help="play in meshcat, this machine only, until Ctrl-C",
     )
 
 

@@ -28,10 +28,10 @@ _GREY, _BASE = 0x758297, 0x9AA5B5
 
 
 def require_meshcat() -> None:
-    """Raise if meshcat, an extra, is not there: pages need nothing of it."""
+    """Raise if meshcat is not there (pip install --no-deps): pages need nothing of it."""
     if find_spec("meshcat") is None:
         raise PinflexError(
-            'live: meshcat is not installed. Install it (pip install "pinflex[live]"), or '
+            "live: meshcat is not installed. Install it (pip install meshcat), or "
             "write a page with pinflex.view: it needs nothing else."
         )
 
