@@ -36,6 +36,7 @@ def add(commands: parser.Commands) -> None:
             help="the YAML (default: NAME.yaml beside it)",
         )
         parser.repeated(p, "--flexible", "LINK", "let this link bend, with a guessed section")
+        parser.repeated(p, "--arg", "NAME=VALUE", "argument of a xacro; may be repeated")
         p.add_argument("--force", action="store_true", help="replace FILE if it is there")
         p.set_defaults(module="importing")
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         raise DescriptionError(f"{out}: a description ends in .yaml. Give -o NAME.yaml.")
     if out.exists() and (not args.force or out.resolve() == source.resolve()):
         raise DescriptionError(f"{out}: is there already. Give another -o FILE, or --force.")
-    text, mechanism = new_scene(args.source, out, args.flexible)
+    text, mechanism = new_scene(args.source, out, args.flexible, _arguments(args.arg))
     write_text(out, text)
     if args.json:
         print_json({"file": str(out), "closed": mechanism is not None})
@@ -65,3 +66,10 @@ def run(args: argparse.Namespace) -> int:
         motors = len(mechanism.motors)
         print(f"{out} written: mobility {mechanism.report.mobility}, {motors} motors")
     return 0 if mechanism is not None else 1
+
+
+def _arguments(given: list[str]) -> dict[str, str]:
+    for one in given:
+        if not one.partition("=")[2]:
+            raise DescriptionError(f"--arg {shown(one)}: no value. Give NAME=VALUE.")
+    return {one.partition("=")[0].strip(): one.partition("=")[2] for one in given}

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,22 +30,26 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link
 from pinflex.results.drawing import drawing_of, urdf_parts
+from pinflex.studies import proposals
 from pinflex.viewer.surfaces import Surface, surfaces_of
 from pinflex.writing import replaced
 
 # Guesses of flexible links for a robot that nobody prepared: which links, and their sections.
 #
-# A section is guessed from what the link looks like across the middle of its span; a wall is not to
-# be seen, so that it is a tenth of the diameter. Every guess is to be replaced.
+# A section is guessed from what the link looks like across the middle of its span, and from what it
+# weighs: a solid bar of steel or aluminium where that is its mass, else a tube, whose wall is a
+# tenth of the diameter, or less where the link is lighter. Every guess is to be replaced.
 
 _ALIKE = 0.2  # share by which two widths may differ and be those of a tube
 _SLENDER = 1 / 3  # of the span: the widest that a section is guessed
 _THIN = 1 / 20  # of the span: a diameter where nothing is drawn
-_WALL = 0.1  # of the diameter
+_WALL = 0.1  # of the diameter, at most
+_CLOSE = 0.3  # share by which a link may weigh more or less than the solid bar that is drawn
 _MIDDLE = (0.3, 0.7)  # part of the span that is looked at
 _SHORT = 0.1  # of the longest span: shorter links are no candidates
 _MOST = 8  # candidates
 _HERE = 1e-6  # m
+_DENSITIES = {name: MATERIALS[name].rho or np.nan for name in ("aluminium", "steel")}  # kg/m^3
 _SEEN = 1e-3  # of the span: a drawing that is thinner says nothing
 
 
@@ -77,7 +81,9 @@ def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
         end, length, frame = spans[name]
         wanted = name in only if only else length > _SHORT * longest and len(found) < _MOST
         if wanted:
-            made = _guess(mechanism, name, end, length, _widths(looks.get(name), frame, length))
+            widths = _widths(looks.get(name), frame, length)
+            mass = next(link.inertia.mass for link in mechanism.links if link.name == name)
+            made = _guess(mechanism, name, end, *_bar(widths, length, mass), length)
             found += [made] if made is not None else []
     return found
 
@@ -100,12 +106,23 @@ def _spans(mechanism: Mechanism) -> dict[str, tuple[str | None, float, Array]]:
 
 
 def _ends(number: int, links: Sequence[Link], closing: set[str]) -> list[tuple[str, Array, bool]]:
-    """Frames on a link that carry something: name, place in the link, whether it is a joint."""
+    """Frames on a link that carry something: name, place in the link, whether it is a joint.
+
+    Where there are none, what is fixed to it and carries nothing either: the open end of a loop.
+    """
+    parents = {link.parent for link in links}
+    bearing = [link for link in links if link.steps or link.name in closing]
+    leaves = [link for k, link in enumerate(links) if k not in parents and not link.steps]
+    ends = _on(number, links, leaves)
+    alone = all(np.linalg.norm(end[1] - ends[0][1]) < _HERE for end in ends)  # no plate
+    return _on(number, links, bearing) or (ends if alone else [])
+
+
+def _on(number: int, links: Sequence[Link], ends: Sequence[Link]) -> list[tuple[str, Array, bool]]:
+    """Those of some links that are fixed to one, or hang on it by a joint."""
     found = []
-    for link in links:
+    for link in ends:
         place, above = link.placement, link.parent
-        if not (link.steps or link.name in closing):
-            continue
         while above >= 0 and above != number and not links[above].steps:
             place, above = links[above].placement * place, links[above].parent
         if above == number:
@@ -128,20 +145,35 @@ def _widths(look: Surface | None, frame: Array, length: float) -> tuple[float, f
     return (float(y), float(z)) if min(y, z) > _SEEN * length else None
 
 
-def _section(widths: tuple[float, float] | None, length: float) -> tuple[str, str]:
-    """The block `section`, and where it is from."""
+def _bar(widths: tuple[float, float] | None, length: float, mass: float) -> tuple[str, str]:
+    """Material and section of a link as YAML, and where they are from."""
     if widths is None:
-        d = _digits(_THIN * length)
-        return _tube(d), "nothing is drawn there: a twentieth of the length"
+        return _tube(
+            _THIN * length, length, mass
+        ), "nothing is drawn there: a twentieth of the length"
     y, z = (min(w, _SLENDER * length) for w in widths)
-    if abs(y - z) <= _ALIKE * max(y, z):
-        return _tube(_digits((y + z) / 2)), "the width of the drawing at the middle of the span"
-    text = f"{{shape: rectangle, width: {_digits(z)}, thickness: {_digits(y)}}}"
-    return text, "the two widths of the drawing at the middle of the span, full"
+    round_ = abs(y - z) <= _ALIKE * max(y, z)
+    d = (y + z) / 2 if round_ else min(y, z)
+    area = np.pi * d**2 / 4 if round_ else y * z
+    seen = "the drawing at the middle of the span"
+    for name, rho in _DENSITIES.items():
+        if abs(mass / (rho * area * length) - 1) < _CLOSE:
+            shape = (
+                f"{{shape: circle, diameter: {_digits(d)}}}" if round_
+                else f"{{shape: rectangle, width: {_digits(z)}, thickness: {_digits(y)}}}"
+            )  # fmt: skip
+            return f"material: {name}, section: {shape}", f"{seen}, full: it weighs as much"
+    why = "the width" if round_ else "the lesser width"
+    return _tube(d, length, mass), f"{why} of {seen}, hollow"
 
 
-def _tube(diameter: float) -> str:
-    return f"{{shape: tube, diameter: {diameter}, wall: {_digits(_WALL * diameter)}}}"
+def _tube(diameter: float, length: float, mass: float) -> str:
+    """A tube of aluminium that weighs no more than the link, motors and housings included."""
+    area = mass / (_DENSITIES["aluminium"] * length)
+    hole = diameter**2 - 4 * area / np.pi
+    wall = min(_WALL * diameter, (diameter - np.sqrt(hole)) / 2 if hole > 0 else diameter)
+    shape = f"{{shape: tube, diameter: {_digits(diameter)}, wall: {_digits(wall)}}}"
+    return f"material: aluminium, section: {shape}"
 
 
 def _digits(value: float) -> float:
@@ -149,13 +181,10 @@ def _digits(value: float) -> float:
 
 
 def _guess(
-    mechanism: Mechanism, name: str, end: str | None, length: float,
-    widths: tuple[float, float] | None,
-) -> Guess | None:  # fmt: skip
+    mechanism: Mechanism, name: str, end: str | None, bar: str, why: str, length: float
+) -> Guess | None:
     """The block of a link as the robot loads with it; None where it loads with none."""
-    section, why = _section(widths, length)
-    values = [f"end: {quoted(end)}"] if end is not None else []
-    values += ["material: aluminium", f"section: {section}"]
+    values = [*([f"end: {quoted(end)}"] if end is not None else []), bar]
     for more in ([], ["inertia: beam"]):
         text = f"{{{', '.join([*values, *more])}}}"
         raw = yaml.safe_load(text)
@@ -252,18 +281,24 @@ _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning join
 _TURN = 0.1  # [rad]
 _SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)  # of it, the largest that can be followed
 _LOOKS = 41  # instants at which it is looked at
-_NEAR = 1e-6  # [m | rad] frames that coincide
-_TOOL = re.compile(r"platform|tool|effector|eff$|tcp|flange|gripper|foot|hand", re.I)
-_ORDER = ("base", "gravity", "joints", "actuated", "loops", "home")
+_ORDER = ("xacro_args", "base", "gravity", "joints", "actuated", "loops", "home")
 
 
-def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str, Mechanism | None]:
-    """The YAML text for a robot, and the mechanism; None where its loops do not close."""
+def new_scene(
+    source: str,
+    out: Path,
+    flexible: Sequence[str] = (),
+    arguments: Mapping[str, str] | None = None,
+) -> tuple[str, Mechanism | None]:
+    """The YAML text for a robot, and the mechanism; None where its loops do not close.
+
+    `boundary` are those of a xacro.
+    """
     name = source if source.startswith(_PACKAGES) else _relative(Path(source), out)
-    tree = sources.find(name, out.parent, "import")
+    tree = sources.find(name, out.parent, "import", arguments)
     for link in flexible:
         schema.known(link, source, tree.links, f"link in {tree.file}")
-    blocks = tree.joined({})
+    blocks = tree.joined({"xacro_args": dict(arguments)} if arguments else {})
     if "actuated" not in blocks:
         blocks |= _motors(tree, closed=bool(blocks.get("loops")))
     plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
@@ -271,7 +306,7 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
     try:
         mechanism = load(description)
     except PinflexError as error:
-        return _text(tree, name, blocks, [], [str(error)], flexible), None
+        return _text(tree, name, blocks, [], _wrapped("", [str(error)]), flexible), None
     home = home_values(mechanism)
     if home:  # the guesses need not search for it again
         blocks["home"] = home
@@ -284,9 +319,11 @@ def new_scene(source: str, out: Path, flexible: Sequence[str] = ()) -> tuple[str
             f"{source}: {', '.join(missing)}: no beam fits there (no span, or no mass). Choose "
             f"another link: {', '.join(g.link for g in candidates(mechanism)) or 'there is none'}."
         )
-    blocks["platform"] = _platform(mechanism)
-    text = _text(tree, name, blocks, guesses, _proposals(mechanism), flexible)
-    whole = text + _motion(text, out, mechanism)
+    ways = proposals.closing(mechanism, tree)
+    ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
+    blocks["platform"] = proposals.platform(mechanism, ends)
+    text = _text(tree, name, blocks, guesses, _open_loops(ways), flexible)
+    whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
 
@@ -327,7 +364,7 @@ def _text(
     ordered = {key: blocks[key] for key in _ORDER if key in blocks} | blocks
     for key, value in ordered.items():
         lines += _block(key, value)
-    lines += _wrapped("", remarks)
+    lines += remarks
     if not flexible:
         lines += [
             "",
@@ -376,56 +413,35 @@ def _block(key: str, value: Any) -> list[str]:
 # Proposals ---------------------------------------------------------------------------------
 
 
-def _proposals(mechanism: Mechanism) -> list[str]:
-    """Loops that the file does not close, where ends of branches coincide at home."""
-    pairs = coinciding(mechanism, mechanism.description.tied)
-    return [
-        f"{a} and {b} coincide at home. If they meet in a joint: loops: {{{a}_{b}: {{kind: "
-        f"{kind}, between: [{a}, {b}]}}}}, and list the motors under actuated."
-        for a, b, kind in pairs
+def _open_loops(ways: proposals.Closing) -> list[str]:
+    """The block `loops` of a file whose branches are open, behind #."""
+    if not ways.loops:
+        return []
+    lines = [
+        "",
+        "# Ends that may meet: GUESSES. Keep those that do, with the right kind; remove the #.",
     ]
+    lines += ["# loops:"]
+    for loop in ways.loops:
+        block = yaml.safe_dump(loop.block, sort_keys=False, default_flow_style=True, width=200)
+        drawn = f"{loop.apart:.3g} m apart" if loop.apart > 1e-6 else "together"
+        lines += [f"#   {quoted(loop.name)}: {block.strip()}  # drawn {drawn}"]
+    motors = ", ".join(quoted(name) for name in ways.motors) or "..."
+    if ways.closed is None:
+        why = "they do not close from the pose drawn: give a guess under home"
+    else:
+        mobility, named = ways.closed.report.mobility, len(ways.motors)
+        why = f"mobility {mobility} with these loops"
+        why += (
+            "" if mobility == named else ": a joint is of another type, or a motor is not named so"
+        )
+    return [*lines, f"# actuated: [{motors}]  # {why}"]
 
 
-def _platform(mechanism: Mechanism) -> str:
-    """A link whose name sounds like the end of a robot, else one with the most joints below it."""
-    links = mechanism.links
-    depth: list[int] = []
-    for link in links:
-        above = depth[link.parent] if link.parent >= 0 else 0
-        depth.append(above + len(link.steps))
-    heavy = [k for k, link in enumerate(links) if link.weighs] or [0]
-    named = [k for k in range(len(links)) if _TOOL.search(links[k].name) and depth[k]]
-    best = [k for k in named if links[k].weighs] or named or heavy
-    return links[max(best, key=lambda k: depth[k])].name
-
-
-def coinciding(mechanism: Mechanism, taken: Collection[str]) -> list[tuple[str, str, str]]:
-    """Pairs of massless ends of different branches that coincide at home, and the kind to try."""
-    model, links = mechanism.rigid.rigid, mechanism.links
-    parents = {link.parent for link in links}
-    leaves = [
-        k for k, link in enumerate(links)
-        if k not in parents and link.parent >= 0 and not link.weighs and link.name not in taken
-        and model.existFrame(link.name)
-    ]  # fmt: skip
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, mechanism.home)
-    poses = {k: data.oMf[model.getFrameId(links[k].name)] for k in leaves}
-    joints = {k: model.frames[model.getFrameId(links[k].name)].parentJoint for k in leaves}
-    found = []
-    for n, a in enumerate(leaves):
-        for b in leaves[n + 1 :]:
-            apart = poses[a].actInv(poses[b])
-            if joints[a] == joints[b] or np.linalg.norm(apart.translation) > _NEAR:
-                continue
-            alike = np.linalg.norm(pin.log3(apart.rotation)) < _NEAR
-            found.append((links[a].name, links[b].name, "weld" if alike else "spherical"))
-    return found
-
-
-def _motion(text: str, out: Path, mechanism: Mechanism) -> str:
+def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing) -> str:
     """A small motion of the first motor, as far as the rigid robot follows it."""
-    motors = mechanism.description.actuated
+    motors = ways.motors or mechanism.description.actuated
+    closed = ways.closed is not None and ways.closed.report.mobility == len(ways.motors)
     if not motors or mechanism.report.mobility != len(mechanism.motors):
         return "\n# No motion is proposed: the motors do not determine it.\n"
     joint = motors[0]
@@ -438,6 +454,9 @@ def _motion(text: str, out: Path, mechanism: Mechanism) -> str:
         )
         try:
             solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
+            if closed:  # it is to run when the # are gone, too
+                taken = re.sub(r"^# (loops:|actuated:|  .*# drawn)", r"\1", text, flags=re.M)
+                solve(load(from_text(taken + proposal, out)), level="rigid", samples=_LOOKS)
         except PinflexError:
             continue
         return proposal

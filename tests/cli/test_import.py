@@ -103,10 +103,105 @@ def test_ends_that_coincide_are_proposed_as_loops(tmp_path: Path) -> None:
     path.write_text(text + "</robot>", "utf-8")
     assert main(["new", str(path)]) == 0
     written = (tmp_path / "v.yaml").read_text("utf-8")
-    assert "# - a_end and b_end coincide at home" in written
+    assert re.search(r"# +a_end_b_end: .*between: \[a_end, b_end\]\}  # drawn together", written)
     assert pf.load(tmp_path / "v.yaml").description.loops == ()
     pair = pf.load(path)  # a URDF alone
     assert pair.description.actuated == ("ja", "jb")
+
+
+BAR = (
+    '<link name="{name}"><inertial><origin xyz="{half} 0 0"/><mass value="{mass}"/><inertia '
+    'ixx="1e-6" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<visual><origin xyz="{half} 0 0"/><geometry>'
+    '<box size="{length} .02 .004"/></geometry></visual></link>'
+)
+HINGE = (
+    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    '<axis xyz="0 0 1"/></joint>'
+)
+
+
+def five_bar() -> str:
+    """Two open branches of aluminium bars of 20 x 4 mm, whose tips are to meet in a pin."""
+    text = '<robot name="fivebar"><link name="base"/>'
+    for side, x, crank, coupler in (("l", -0.09, 0.117, 0.214), ("r", 0.09, 0.093, 0.187)):
+        for name, length in ((f"crank_{side}", crank), (f"coupler_{side}", coupler)):
+            mass = 2700 * length * 0.02 * 0.004
+            text += BAR.format(name=name, length=length, half=length / 2, mass=mass)
+        text += f'<link name="tip_{side}"/>' + "".join(
+            (HINGE.format(f"motor_{side}", "continuous", "base", f"crank_{side}", x),
+             HINGE.format(f"elbow_{side}", "continuous", f"crank_{side}", f"coupler_{side}", crank),
+             HINGE.format(f"end_{side}", "fixed", f"coupler_{side}", f"tip_{side}", coupler))
+        )  # fmt: skip
+    return text + "</robot>"
+
+
+def test_open_branches_are_proposed_as_a_closed_robot(tmp_path: Path) -> None:
+    """Couplers that end in bare frames are candidates; the tips meet in a pin, drawn apart."""
+    path = tmp_path / "fivebar.urdf"
+    path.write_text(five_bar(), "utf-8")
+    assert main(["new", str(path)]) == 0
+    out = path.with_suffix(".yaml")
+    raw = yaml.safe_load(out.read_text("utf-8"))
+    assert raw["platform"] in ("tip_l", "tip_r")
+    assert "loops" not in raw
+    bare = re.sub(
+        r"^# (loops:|actuated:|flexible:|  \w+: \{)", r"\1", out.read_text("utf-8"), flags=re.M
+    )
+    out.write_text(bare, "utf-8")
+    raw = yaml.safe_load(bare)
+    assert raw["loops"]["tip_l_tip_r"]["kind"] == "revolute"
+    assert raw["actuated"] == ["motor_l", "motor_r"]
+    assert {*raw["flexible"]} == {
+        f"{part}_{side}" for part in ("crank", "coupler") for side in "lr"
+    }
+    for link in raw["flexible"].values():  # solid, since it weighs what a solid bar does
+        assert link["material"] == "aluminium"
+        widths = sorted(link["section"][key] for key in ("width", "thickness"))
+        assert widths == pytest.approx([0.004, 0.02])
+    robot = pf.load(out)
+    assert robot.report.mobility == 3 * (5 - 1) - 2 * 5  # Gruebler: five links, five pins
+    assert pf.solve(robot, level="rigid", samples=5).worst_closure < 1e-8  # it runs as proposed
+
+
+def test_a_finger_is_no_platform(tmp_path: Path) -> None:
+    """Fingers hang further out than the palm that carries them, and matter less."""
+    parts = ("base", "upper", "palm", "thumb_1", "thumb_2", "index_1")
+    text = "".join(BAR.format(name=n, length=0.2, half=0.1, mass=0.1) for n in parts)
+    for parent, child in (
+        ("base", "upper"), ("upper", "palm"), ("palm", "thumb_1"), ("thumb_1", "thumb_2"),
+        ("palm", "index_1"),
+    ):  # fmt: skip
+        text += HINGE.format(f"to_{child}", "continuous", parent, child, 0.2)
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{text}</robot>', "utf-8")
+    assert main(["new", str(path)]) == 0
+    assert yaml.safe_load(path.with_suffix(".yaml").read_text("utf-8"))["platform"] == "palm"
+
+
+def test_arguments_of_a_xacro_are_taken_and_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "rod.urdf.xacro"
+    bar = BAR.format(name="rod", length=0.4, half=0.2, mass=0.002)
+    path.write_text(
+        '<robot name="rod" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="length" '
+        f'default="0.4"/><link name="base"/>{bar}<link name="tool"/>'
+        + HINGE.format("j", "continuous", "base", "rod", 0)
+        + HINGE.format("f", "fixed", "rod", "tool", "$(arg length)")
+        + "</robot>",
+        "utf-8",
+    )
+    out = tmp_path / "rod.yaml"
+    refused(capsys, "no value. Give NAME=VALUE", "new", path, "-o", out, "--arg", "length")
+    assert main(["new", str(path), "-o", str(out), "--arg", "length=0.6", "--flexible", "rod"]) == 0
+    raw = yaml.safe_load(out.read_text("utf-8"))
+    tube = raw["flexible"]["rod"]["section"]  # lighter than a solid bar: hollow, of its mass
+    area = np.pi * tube["wall"] * (tube["diameter"] - tube["wall"])
+    assert 2700 * area * 0.6 == pytest.approx(0.002, rel=0.01)  # three digits are written
+    frame = pf.solve(pf.load(out), level="rigid", samples=3).frame("tool")
+    assert np.linalg.norm(frame.position[0]) == pytest.approx(0.6)
 
 
 def test_what_cannot_be_imported_is_refused(
