@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import claims
+import long_cells
 
 from pinflex.description.reading.json_schema import json_schema
 
@@ -38,7 +39,7 @@ def page() -> str:
         explained[block] |= {*_KEYS.findall(line), *_HEAD_CELL.findall(line)}
         lines.append(_widened(line, known.get(block, {})) if table else line)
     _check(known, explained, set(re.findall(r"\w+", text)))
-    return "\n".join(lines) + "\n"
+    return long_cells.shortened("\n".join(lines))
 
 
 def blocks(schema: Form) -> dict[str, dict[str, list[Form]]]:

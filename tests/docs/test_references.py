@@ -37,6 +37,20 @@ def test_keys_say_what_their_readers_take() -> None:
     assert rows["`inertia`"].strip() == "`urdf`, `beam`"
 
 
+def test_a_table_of_keys_has_no_cell_of_paragraphs() -> None:
+    """What is too long for a cell stands below its table, whole, where the cell leads."""
+    text = yaml_keys.page()
+    cells = [cell for row in text.splitlines() if row.startswith("|") for cell in row.split("|")]
+    assert max(map(len, cells)) < 450  # a dozen lines of a column
+    anchors = re.findall(r"\[More below\]\(#([\w-]+)\)", text)
+    assert len(anchors) == len({*anchors}) > 5
+    for anchor in anchors:
+        assert text.count(f"{{: #{anchor} }}") == 1
+    source = (ROOT / "models/README.md").read_text("utf-8")
+    words = re.findall(r"[a-z]{4,}", source)
+    assert not {*words} - {*re.findall(r"[a-z]{4,}", text)} - {"readme", "benchmarks"}
+
+
 def test_a_key_without_explanation_stops_the_build(monkeypatch: pytest.MonkeyPatch) -> None:
     schema = yaml_keys.json_schema()
     schema["properties"]["solve"]["anyOf"][0]["properties"]["brand_new"] = {}
