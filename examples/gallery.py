@@ -1,9 +1,11 @@
-"""Six pages to look at, one for each kind of answer: moves, vibration, modes, a beam spun up.
+"""A page to look at for each shipped model: moves, vibration, modes, buckling, a beam spun up.
 
-Writes them to the folder given, or to ./gallery.
+Writes them to the folder given, or to ./gallery; `--pictures FOLDER` draws a small picture of each
+(needs Chromium), as docs/assets/gallery has them.
 """
 
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,16 +15,15 @@ from pinflex.__main__ import main as command
 
 @dataclass(frozen=True)
 class Scene:
-    """A picture of the gallery.
+    """A page of the gallery, of the shipped model of the same name.
 
     Attributes:
         title, text: What it shows.
-        model: A shipped model. level: That it is solved at; `modes` for its mode shapes.
+        level: That it is solved at; `modes` for its mode shapes.
     """
 
     title: str
     text: str
-    model: str
     level: str = "coupled"
 
 
@@ -31,35 +32,58 @@ SCENES = {
         "A delta robot picks and places",
         "Tubes of aluminium and carbon, twelve balls, 0.3 s for 305 mm. The plate is 0.38 mm off on"
         " the way and still shakes after the stop.",
-        "delta",
-    ),
-    "3rrr": Scene(
-        "A planar 3-RRR with thin distal links",
-        "Blades of 2 mm: the published test bench of a robot with piezoelectric damping.",
-        "3rrr",
     ),
     "ur5": Scene(
         "A UR5 whose upper arm and forearm bend",
         "The robot's own meshes, coloured by the stress of the beams inside them.",
-        "ur5",
-    ),
-    "race_r2": Scene(
-        "A spatial 3-RRS with soft links",
-        "One body a link, bending in two planes, twisting and foreshortened.",
-        "race_r2",
     ),
     "hexapod": Scene(
         "Mode shapes of a hexapod",
         "Six legs with motors locked: what resonates, and how it moves.",
-        "hexapod",
         "modes",
+    ),
+    "3rrr": Scene(
+        "A planar 3-RRR with thin distal links",
+        "Blades of 2 mm: the published test bench of a robot with piezoelectric damping.",
+    ),
+    "3rrs": Scene(
+        "A spatial 3-RRS that gives way",
+        "Links of 1.5 mm steel under a platform that sinks and tilts: they buckle on the way.",
+    ),
+    "3tpt": Scene(
+        "Three telescopic legs",
+        "Rods that slide out of their tubes carry a hanging platform, and bend beyond the mouths.",
+    ),
+    "prprp": Scene(
+        "A platform that slides through a sleeve",
+        "A blade of 1.2 mm is the platform itself; a passive sleeve runs along it as it bends.",
+    ),
+    "cassie": Scene(
+        "Cassie on a stand",
+        "The leaf springs of both legs as elastic joints, loops and gears as its file has them.",
+    ),
+    "race_r1": Scene(
+        "Race: a planar 3-RRR",
+        "A fast move of three motors, then ringing without damping.",
+    ),
+    "race_r2": Scene(
+        "Race: a spatial 3-RRS with soft links",
+        "One body a link, bending in two planes, twisting and foreshortened.",
+    ),
+    "race_r3": Scene(
+        "Race: a slider-crank at 150 rad/s",
+        "Simeon's flexible rod, whose test set has the numbers.",
     ),
     "spinning_beam": Scene(
         "A beam spun up",
         "Ten metres of it lag half a metre behind and stiffen as they turn; one body.",
-        "spinning_beam",
+    ),
+    "cantilever": Scene(
+        "A strip of steel let go",
+        "It starts straight, sags under its weight and rings: every number can be checked by hand.",
     ),
 }
+SIZE = (480, 300)  # [px] of a small picture
 
 
 def main(folder: str = "gallery") -> int:
@@ -68,14 +92,39 @@ def main(folder: str = "gallery") -> int:
     for name, scene in SCENES.items():
         page = out / f"{name}.html"
         if scene.level == "modes":
-            command(["modes", scene.model, "--count", "6", "--view", str(page)])
+            command(["modes", name, "--count", "6", "--view", str(page)])
         else:
-            pf.view(pf.solve(pf.load(scene.model), level=scene.level, samples=161), page)
+            pf.view(pf.solve(pf.load(name), level=scene.level, samples=161), page)
     sizes = [(out / f"{name}.html").stat().st_size for name in SCENES]
     print(f"{len(sizes)} pages, {sum(sizes) / 1e6:.1f} MB, in {out}")
     assert max(sizes) < 3e6  # [bytes] each can be mailed
     return len(sizes)
 
 
+def pictures(folder: str) -> None:
+    """Draw the pages' robots, without what stands around them."""
+    from PIL import Image
+
+    from pinflex.viewer.export import capture
+
+    out = Path(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as made:
+        for name, scene in SCENES.items():
+            run = pf.solve(pf.load(name), level="coupled", samples=161)
+            page = pf.view(run, Path(made) / f"{name}.html")
+            peak = max(run.links, key=lambda link: run.link(link).von_mises.max(), default=None)
+            worst = run.link(peak).von_mises.max(axis=1).argmax() if peak else run.t.size // 2
+            shot = capture.picture(page, Path(made) / f"{name}.png", float(run.t[worst]))
+            whole = Image.open(shot).convert("RGB")
+            small = whole.resize((whole.width * SIZE[1] // whole.height, SIZE[1]))
+            left = max(0, (small.width - SIZE[0]) // 2)
+            small.crop((left, 0, left + SIZE[0], SIZE[1])).save(out / f"{name}.webp", quality=70)
+            print(name, scene.title, (out / f"{name}.webp").stat().st_size)
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    if sys.argv[1:2] == ["--pictures"]:
+        pictures(sys.argv[2])
+    else:
+        main(*sys.argv[1:2])

@@ -1,4 +1,4 @@
-"""The gallery: pages that examples/gallery.py makes, each behind its description."""
+"""The gallery: pages that examples/gallery.py makes, each behind its picture and description."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ from pathlib import Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gallery.py"
 _INTRO = """# Gallery
 
-Each of these is one file that plays offline: turn it with the mouse, drag the time, choose what is
-coloured. `examples/gallery.py` makes them all in some ten seconds.
+A page for each model that is shipped: one file that plays offline. Turn it with the mouse, drag the time, choose
+what is coloured. `examples/gallery.py` makes them all in some ten seconds, `pinflex compare NAME` with all levels.
+
+<div class="cards" markdown="0">
+"""
+_CARD = """<a class="card" href="{name}.html">
+<img src="../assets/gallery/{name}.webp" alt="{title}" width="480" height="300" loading="lazy">
+<strong>{title}</strong><span>{text}</span><code>{name}</code></a>
 """
 
 
@@ -19,16 +25,11 @@ def make(made: Path) -> Path:
     folder = made / "gallery"
     folder.mkdir(parents=True, exist_ok=True)
     example = runpy.run_path(str(EXAMPLE))
-    scenes = example["SCENES"]
     if os.environ.get("DOCS_GALLERY") != "0":
         example["main"](str(folder))
-    parts = [_INTRO]
-    for name, scene in scenes.items():
-        shown = f'src="{name}.html" loading="lazy" title="{scene.title}"'
-        parts.append(
-            f"## {scene.title}\n\n{scene.text}\n\n"
-            f'<iframe class="scene" {shown}></iframe>'
-            f'\n\n<a href="{name}.html">Open it alone</a>\n'
-        )
-    (folder / "index.md").write_text("\n".join(parts), "utf-8")
+    cards = [
+        _CARD.format(name=name, title=scene.title, text=scene.text)
+        for name, scene in example["SCENES"].items()
+    ]
+    (folder / "index.md").write_text("".join([_INTRO, *cards, "</div>\n"]), "utf-8")
     return folder
