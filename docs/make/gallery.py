@@ -9,8 +9,9 @@ from pathlib import Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gallery.py"
 _INTRO = """# Gallery
 
-A page for each model that is shipped: one file that plays offline. Turn it with the mouse, drag the time, choose
-what is coloured. `examples/gallery.py` makes them all in some ten seconds, `pinflex compare NAME` with all levels.
+A page for each model that is shipped: one file that plays offline. Turn it with the mouse, drag the
+time, choose what is coloured. `examples/gallery.py` makes them all in some ten seconds, and
+`pinflex compare NAME` makes one with all levels.
 
 <div class="cards" markdown="0">
 """
