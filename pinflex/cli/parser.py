@@ -74,6 +74,7 @@ def command(
         repeated(
             parser, "--set", "KEY=VALUE", "change the YAML, such as solve.dt=1e-4; may be repeated"
         )
+        carried(parser)
         parser.add_argument(
             "--limit",
             type=positive,
@@ -92,6 +93,14 @@ def command(
 def repeated(parser: argparse.ArgumentParser, option: str, metavar: str, text: str) -> None:
     """Add an option that may be given several times; a list of texts."""
     parser.add_argument(option, action="append", default=[], metavar=metavar, help=text)
+
+
+def carried(parser: argparse.ArgumentParser) -> None:
+    """Add --payload: changes of the YAML, as --set."""
+    parser.add_argument(
+        "--payload", dest="set", action=_Payload, type=payload, default=[],
+        metavar="MASS@FRAME", help="carry a mass in kg (or g), such as 5kg@tool0",
+    )  # fmt: skip
 
 
 def preload(parser: argparse.ArgumentParser) -> None:
@@ -129,6 +138,13 @@ def table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheduler", metavar="ADDRESS", help="work on this Dask cluster instead")
     verbose(parser)
     parser.add_argument("--fresh", action="store_true", help="forget FILE.journal and begin anew")
+
+
+class _Payload(argparse.Action):
+    """Appends the changes of the YAML that a payload is to those of --set."""
+
+    def __call__(self, parser: Any, given: Any, values: Any, option: str | None = None) -> None:
+        setattr(given, self.dest, [*getattr(given, self.dest), *values])
 
 
 # Values of options ---------------------------------------------------------------------------
@@ -169,6 +185,16 @@ samples = _whole(2, _MOST_SAMPLES, f"a whole number, 2 to {_MOST_SAMPLES}")
 def names(text: str) -> tuple[str, ...]:
     """Words joined by commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def payload(text: str) -> list[str]:
+    """Changes of the YAML, of MASS@FRAME."""
+    mass, _, frame = text.partition("@")
+    found = re.fullmatch(r"\s*(\S*?\d\.?)\s*(kg|g)?\s*", mass)
+    if not found or not frame.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form MASS@FRAME, as 5kg@tool0")
+    kilograms = number(found[1]) * (1e-3 if found[2] == "g" else 1.0)
+    return [f"payload.at={frame.strip()}", f"payload.mass={kilograms!r}"]
 
 
 def pose(text: str) -> dict[str, float]:

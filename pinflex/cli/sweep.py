@@ -37,6 +37,7 @@ have an answer the journal goes.""",
         p, "--set", "KEY=VALUES",
         "values of a key of the YAML, which may have globs; may be repeated",
     )  # fmt: skip
+    parser.carried(p)
     p.add_argument(
         "--zip", action="store_true", help="pair the values instead of combining them all"
     )

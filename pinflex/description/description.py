@@ -39,6 +39,7 @@ from pinflex.description.blocks.joints import (
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
 from pinflex.description.loops import Loop, read_loops
+from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.section import Section
@@ -194,7 +195,8 @@ KEYS = (
         "idle",
         "home",
     ),
-    *("platform", "frames", "flexible", "damping", "forces", "springs", "added_masses", "control"),
+    *("platform", "frames", "flexible", "damping", "forces", "springs", "added_masses", "payload"),
+    "control",
     *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
 )
 ALLOWED = ("wide", "heavy", "large")
@@ -223,6 +225,7 @@ class Description:
         control: Feedback of level coupled.
         springs: Springs between frames.
         added_masses: Inertia at frames that differs with the direction.
+        payload: What a frame carries.
         home: Guess of the configuration (rad | m), by joint name, as Pinocchio lays it out: a
             quaternion x y z w, a planar angle as cosine and sine; the axes of a universal joint
             are NAME.1 and NAME.2. Do not change it.
@@ -259,6 +262,7 @@ class Description:
     control: Control | None = None
     springs: tuple[FrameSpring, ...] = ()
     added_masses: tuple[AddedMass, ...] = ()
+    payload: Payload | None = None
     home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
     platform: str | None = None
     frames: tuple[str, ...] = ()
@@ -291,9 +295,11 @@ class Description:
 
     @property
     def loaded(self) -> tuple[str, ...]:
-        """Frames that forces, springs and added masses act on, once each."""
+        """Frames that forces, springs, added masses and the payload act on, once each."""
         springs = (f for x in self.springs for f in x.frames)
-        return tuple(dict.fromkeys([*(x.frame for x in self.forces + self.added_masses), *springs]))
+        carried = () if self.payload is None else (self.payload,)
+        acting = (x.frame for x in (*self.forces, *self.added_masses, *carried))
+        return tuple(dict.fromkeys([*acting, *springs]))
 
     def flexible_blocks(self) -> dict[str, Any]:
         """The YAML block of every flexible link, by link."""
@@ -408,6 +414,7 @@ def _describe(
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
         added_masses=read_added_masses(block.get("added_masses", {}), place["added_masses"], tree),
+        payload=read_payload(block.get("payload"), place["payload"], tree),
         home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),

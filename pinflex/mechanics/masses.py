@@ -7,7 +7,7 @@ of the expanded model goes into it. A link weighs
 - its beam or solid and what rides on it, where these take the place of the URDF's inertia, where
   they are given (`bodies`), and where the link is another design than the one built (`as_built`).
 
-What cannot move, at the root of the ground, is in neither sum.
+A payload is added at its frame. What cannot move, at the root of the ground, is in neither sum.
 """
 
 from __future__ import annotations
@@ -87,7 +87,10 @@ def of_scene(
     """
     frames = rigid.expansion.frames
     own: list[tuple[str, Array]] = []
+    carried = description.payload
     for link in links:
+        if carried is not None and link.name == carried.name:
+            continue  # the model's; the scene's own is below
         part = parts.get(link.name)
         attachments = [s.expansion.frames.get(link.name) for s in (rigid, flexible)]
         still = all(at is not None and at.joint == 0 for at in attachments)
@@ -96,6 +99,10 @@ def of_scene(
         elif link.weighs and not still:
             own.append((link.name, link.inertia.matrix()))
     own += [(one.frame, np.diag([*one.mass, *one.inertia])) for one in description.added_masses]
+    if carried is not None and any(
+        s.expansion.frames[carried.frame].joint for s in (rigid, flexible)
+    ):
+        own.append((carried.frame, carried.spatial))
     if not own:
         return np.zeros((6, 6))
     placed = [Frame(rigid.rigid, frames[name]).pose(poses) for name, _ in own]

@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pinflex.description import loops, section
+from pinflex.description import loops, payload, section
 from pinflex.description.blocks import control, drives, external, flexible, joints, material
 from pinflex.description.blocks.flexible import PATCH_KEYS as PATCH_KEYS
 from pinflex.description.description import KEYS, Description
@@ -51,6 +51,9 @@ def json_schema() -> Form:
                "tension_only": {"type": "boolean"}},
             ["between"])),
         "added_masses": _named(_block(_any(external.ADDED_KEYS) | {"at": _TEXT}, ["at"])),
+        "payload": _block(
+            {key: _measure(of) if key == "mass" else {} for key, of in payload.KEYS.items()}
+            | {"at": _TEXT}, ["at", "mass"]),
         "control": _control(),
         "motion": _motion(),
         "solve": _block(_of_record(SolveSpec)),

@@ -16,6 +16,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.description.description import Description
+from pinflex.description.payload import Payload
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.model.system import Springs
 from pinflex.text import brief
@@ -73,7 +74,20 @@ def model_of(description: Description) -> pin.Model:
             "Check it with a URDF checker; the names of links and joints must be unique."
         ) from error
     model.gravity.linear = np.array(description.gravity, float)
+    if description.payload is not None:
+        _carry(model, description.payload)
     return model
+
+
+def _carry(model: pin.Model, payload: Payload) -> None:
+    """Hang a payload on its frame, as the link of a fixed joint would."""
+    above = model.getFrameId(payload.frame, pin.FrameType.BODY)
+    at = model.frames[above]
+    inertia = pin.Inertia(payload.mass, np.array(payload.centre), payload.tensor)
+    joint, fixed, body = at.parentJoint, pin.FrameType.FIXED_JOINT, pin.FrameType.BODY
+    carrier = pin.Frame(f"{payload.name}_joint", joint, above, at.placement, fixed, inertia)
+    under = model.addFrame(carrier)
+    model.addFrame(pin.Frame(payload.name, joint, under, at.placement, body))
 
 
 def link_tree(
