@@ -24,9 +24,8 @@ def test_holding_torques_of_a_ur10_with_five_kilograms(tmp_path: Path) -> None:
     arms = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
     names = [f"{arm}_joint" for arm in arms]
     scene = tmp_path / "ur10.yaml"
-    home = (
-        "{shoulder_lift_joint: -1.2, elbow_joint: 1.6, wrist_1_joint: -1.9, wrist_2_joint: -1.57}"
-    )
+    pose = zip(names[1:5], (-1.2, 1.6, -1.9, -1.57), strict=True)
+    home = "".join(f"  {name}: {angle}\n" for name, angle in pose)
     scene.write_text(
         f"urdf: example-robot-data:ur10\nactuated: [{', '.join(names)}]\nhome:\n{home}"
         "platform: tool0\npayload: {at: tool0, mass: 5}\n"
