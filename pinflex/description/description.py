@@ -42,6 +42,7 @@ from pinflex.description.loops import Loop, read_loops
 from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
+from pinflex.description.robots import urdf
 from pinflex.description.section import Section
 from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
@@ -108,9 +109,14 @@ def without_units(motion: object, types: Mapping[str, str]) -> object:
 
 
 def read_motion(
-    value: object, where: str, folder: Path, actuated: tuple[str, ...], has_platform: bool
+    value: object,
+    where: str,
+    folder: Path,
+    actuated: tuple[str, ...],
+    has_platform: bool,
+    urdf_text: str,
 ) -> dict[str, Any]:
-    """The checked block, for `motion.from_spec`."""
+    """The checked block, for `motion.from_spec`, with the limits that only the URDF writes."""
     from pinflex.description.motions import (
         motion,  # late: a description without a motion does not need it
     )
@@ -118,6 +124,7 @@ def read_motion(
     block = copy.deepcopy(schema.mapping(value, where))
     if isinstance(block.get("file"), str):
         block["file"] = str(folder.resolve() / block["file"])  # found from any folder
+    _fill_limits(block, where, urdf_text)
     checked = motion.from_spec(block, where)
     if checked.target == "platform" and not has_platform:
         raise DescriptionError(
@@ -128,6 +135,29 @@ def read_motion(
         for name in checked.names:
             schema.known(name, place, actuated, "joint with a motor")
     return block
+
+
+def _fill_limits(block: dict[str, Any], where: str, urdf_text: str) -> None:
+    """Put limits of the URDF under those that a profile of joints by limits leaves out."""
+    from pinflex.description.trajectories import profiles
+
+    moves, times = block.get("joints"), {"ramp", "duration", "speed"}
+    quantities = profiles.KINDS.get(str(block.get("kind")), ())
+    if not isinstance(moves, dict) or (block["kind"] == "trapezoid" and times & set(block)):
+        return
+    for quantity in quantities:
+        own = block.get(quantity)
+        if own is not None and not isinstance(own, dict):
+            continue
+        known = getattr(urdf.motor_limits(urdf_text, moves), quantity)
+        block[quantity] = known | (own or {})
+        for name in moves:
+            if block[quantity].get(name) is None:
+                raise DescriptionError(
+                    f"{where}.{quantity}: {name} has no {quantity} limit here, and none in the "
+                    f"URDF. Write {quantity}: {{{name}: ...}} in {profiles.UNITS[quantity]}.",
+                    where=f"{where}.{quantity}",
+                )
 
 
 # The file of a description: a path, a folder, or the name of a model that comes with pinflex.
@@ -397,7 +427,7 @@ def _describe(
     if "motion" in block:
         written = without_units(block["motion"], types)
         values["motion"] = read_motion(
-            written, place["motion"], folder, actuated, "platform" in block
+            written, place["motion"], folder, actuated, "platform" in block, tree.text
         )
     return Description(
         name=name,

@@ -21,6 +21,7 @@ from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.description import Description, read
 from pinflex.description.reading.parameters import assignments
 from pinflex.description.reading.schema import shown
+from pinflex.description.robots.urdf import MotorLimits, motor_limits
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
@@ -137,6 +138,11 @@ class Mechanism:
     def motors(self) -> tuple[str, ...]:
         """Names of the motor coordinates, in torque order."""
         return tuple(self.coordinates[k] for k in self.rigid.motors)
+
+    @property
+    def limits(self) -> MotorLimits:
+        """Speed, acceleration, jerk and effort that the URDF allows motors, as far as written."""
+        return motor_limits(self.description.urdf_text, self.description.actuated)
 
     def __repr__(self) -> str:
         name = short(self.name, 60)

@@ -26,11 +26,12 @@ from pinflex.description.motions.laws import SNAP, Kinematics
 from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES, Moves
 from pinflex.description.motions.trajectory import Motion, of_moves
 from pinflex.description.reading.schema import shown
+from pinflex.description.trajectories.profiles import Limit, ruckig, scurve, trapezoid_times
 from pinflex.errors import DescriptionError, nearest
 
 __all__ = [
     "KINDS", "Motion", "circle", "cycloid", "formula", "from_spec", "harmonic", "hold",
-    "nonic", "quintic", "sampled", "spin_up", "trapezoid",
+    "nonic", "quintic", "ruckig", "sampled", "scurve", "spin_up", "trapezoid",
 ]  # fmt: skip
 
 
@@ -101,19 +102,33 @@ def trapezoid(
     *,
     joints: Moves = None,
     platform: Moves = None,
-    ramp: float,
+    ramp: float | None = None,
     duration: float | None = None,
     speed: float | None = None,
+    velocity: Limit = None,
+    acceleration: Limit = None,
 ) -> Motion:
     """Displacements at constant speed between two ramps [s] of constant acceleration; then rest.
+
+    By its times, or the shortest within limits: of a short way without constant speed. In a YAML
+    limits that are not written are those of the URDF; here `robot.limits` has them.
 
     Args:
         joints, platform: As of `cycloid`.
         ramp: Of each ramp [s]. duration: Of the motion [s]; None: from the speed.
         speed: Of the coordinate that moves furthest [rad/s | m/s], instead of a duration.
+        velocity: Limit [rad/s | m/s], of all or {name: limit}, instead of times.
+        acceleration: Limit [rad/s^2 | m/s^2], likewise.
     """
     moves = keys.moves_of(joints, platform, "trapezoid")
-    n = keys.options("trapezoid", "duration speed", ramp=ramp, duration=duration, speed=speed)
+    if ramp is None and duration is None and speed is None:
+        ramp, duration = trapezoid_times(moves[1], velocity, acceleration)
+    elif velocity is not None or acceleration is not None:
+        why = "times and limits are given. Give ramp with duration or speed, or the limits alone."
+        raise keys.bad("trapezoid", why)
+    n = keys.options("trapezoid", "ramp duration speed", ramp=ramp, duration=duration, speed=speed)
+    if "ramp" not in n:
+        raise keys.bad("trapezoid.ramp", "missing. Give it in s, or limits and no times.")
     if len(n) != 2:
         raise keys.bad("trapezoid", "give either duration in s or speed in rad/s or m/s.")
     if "speed" in n:
@@ -285,6 +300,7 @@ def _formula_law(trees: tuple[ast.expr, ...], t: Array) -> Kinematics:
 KINDS: dict[str, Callable[..., Motion]] = {"cycloid": cycloid, "quintic": quintic, "hold": hold}
 KINDS |= {"moves": paths.moves, "adept": paths.adept}
 KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
+KINDS |= {"scurve": scurve, "ruckig": ruckig}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -223,23 +224,60 @@ class Limits:
     Attributes:
         lower, upper: [rad | m]; the same two numbers mean that nobody wrote a limit.
         effort: [N m | N]. velocity: [rad/s | m/s].
+        acceleration: The less of acceleration and deceleration [rad/s^2 | m/s^2] (URDF 1.2).
+        jerk: [rad/s^3 | m/s^3] (URDF 1.2).
     """
 
     lower: float = 0.0
     upper: float = 0.0
     effort: float = 0.0
     velocity: float = 0.0
+    acceleration: float = 0.0
+    jerk: float = 0.0
+
+
+@dataclass(frozen=True)
+class MotorLimits:
+    """Limits that are written, by joint: what profiles and `retime` keep.
+
+    Attributes:
+        velocity: [rad/s | m/s]. acceleration: [rad/s^2 | m/s^2]. jerk: [rad/s^3 | m/s^3].
+        effort: [N m | N].
+    """
+
+    velocity: dict[str, float]
+    acceleration: dict[str, float]
+    jerk: dict[str, float]
+    effort: dict[str, float]
 
 
 def limits(text: str) -> dict[str, Limits]:
     """Limits by joint; what is no number counts as not written."""
-    keys = ("lower", "upper", "effort", "velocity")
+    keys = ("lower", "upper", "effort", "velocity", "jerk")
     found = {}
     for joint in ET.fromstring(text.strip()).findall("joint"):
         limit = joint.find("limit")
         if limit is not None:
-            found[joint.get("name", "")] = Limits(*(_plain(limit.get(key)) for key in keys))
+            both = (_plain(limit.get(key)) for key in ("acceleration", "deceleration"))
+            slower = min((x for x in both if x > 0.0), default=0.0)
+            values = {key: _plain(limit.get(key)) for key in keys}
+            found[joint.get("name", "")] = Limits(**values, acceleration=slower)
     return found
+
+
+def motor_limits(text: str, motors: Iterable[str]) -> MotorLimits:
+    """The limits of motors that a URDF writes."""
+    known, names = limits(text), list(motors)
+    return MotorLimits(
+        **{
+            field.name: {
+                name: value
+                for name in names
+                if (value := getattr(known.get(name, Limits()), field.name)) > 0.0
+            }
+            for field in fields(MotorLimits)
+        }
+    )
 
 
 def _plain(text: str | None) -> float:

@@ -1,0 +1,1 @@
+"""Motions that machines know: profiles by limits of speed, acceleration, jerk, and waypoints."""

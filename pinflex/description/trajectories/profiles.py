@@ -1,0 +1,203 @@
+"""Profiles by limits: the shortest straight move within speed, acceleration and jerk.
+
+All that moves is in step: one profile s(t) from 0 to 1, times the displacement of each. A limit on
+a name is one on s divided by its displacement, and the least of each kind counts, so that the path
+is straight and no shorter time is possible along it.
+
+Source: Biagiotti, Melchiorri (2008), sections 3.2 (trapezoid) and 3.4 (double S), here from rest to
+rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import accumulate
+from math import cbrt, sqrt
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.description.motions import motion_keys as keys
+from pinflex.description.motions.motion_keys import Moves
+from pinflex.description.motions.trajectory import Motion
+from pinflex.description.trajectories.pieces import Pieces
+from pinflex.doors import library
+
+Limit = float | Mapping[str, float] | None
+UNITS = {
+    "velocity": "rad/s or m/s",
+    "acceleration": "rad/s^2 or m/s^2",
+    "jerk": "rad/s^3 or m/s^3",
+}
+KINDS = {  # motions that keep limits, with those that they need
+    "trapezoid": ("velocity", "acceleration"),
+    "scurve": ("velocity", "acceleration", "jerk"),
+    "ruckig": ("velocity", "acceleration", "jerk"),
+}
+
+
+def by_name(value: Limit, names: Any, where: str, quantity: str) -> dict[str, float]:
+    """A limit of each name, from one number or a mapping, which may know more names."""
+    unit = UNITS[quantity]
+    found = {}
+    for name in names:
+        one = value.get(name) if isinstance(value, Mapping) else value
+        place = f"{where}.{quantity}" + (f".{name}" if isinstance(value, Mapping) else "")
+        if one is None:
+            raise keys.bad(place, f"missing. Give a number in {unit}, or {{name: number}}.")
+        found[name] = keys.number(one, place, unit, "speed")
+        if found[name] <= 0.0:
+            raise keys.bad(place, f"{found[name]:g} {unit} is out of range. It must be above 0.")
+    return found
+
+
+def ramps(velocity: float, acceleration: float, jerk: float = np.inf) -> tuple[float, float, float]:
+    """Times of the shortest profile of one unit [s]: of a jerk, of a ramp, of constant speed.
+
+    A ramp of speed begins and ends with a jerk; what is short never reaches the acceleration, the
+    speed, or either.
+    """
+    v, a, j = velocity, acceleration, jerk
+    rise = a / j if v * j >= a**2 else sqrt(v / j)  # until the acceleration, or half of the speed
+    ramp = rise + v / a if v * j >= a**2 else 2.0 * rise
+    cruise = 1.0 / v - ramp
+    if cruise >= 0.0:
+        return rise, ramp, cruise
+    if 2.0 * a**3 <= j**2:  # the acceleration is reached, the speed is not
+        rise = a / j
+        return rise, 0.5 * rise + sqrt(0.25 * rise**2 + 1.0 / a), 0.0
+    rise = cbrt(0.5 / j)
+    return rise, 2.0 * rise, 0.0
+
+
+def least_of(moves: Mapping[str, float], limits: Mapping[str, float]) -> float:
+    """The limit on s that the limits on displaced names come to."""
+    return min(limits[name] / abs(way) for name, way in moves.items() if way != 0.0)
+
+
+def trapezoid_times(
+    moves: Mapping[str, float], velocity: Limit, acceleration: Limit
+) -> tuple[float, float]:
+    """Ramp and duration [s] of the shortest trapezoid within limits."""
+    _require_way(moves, "trapezoid")
+    v, a = (
+        least_of(moves, by_name(value, moves, "trapezoid", quantity))
+        for quantity, value in (("velocity", velocity), ("acceleration", acceleration))
+    )
+    _, ramp, cruise = ramps(v, a)
+    return ramp, 2.0 * ramp + cruise
+
+
+@public
+def scurve(
+    *,
+    joints: Moves = None,
+    platform: Moves = None,
+    velocity: Limit = None,
+    acceleration: Limit = None,
+    jerk: Limit = None,
+) -> Motion:
+    """The shortest displacements in step within limits of speed, acceleration and jerk; then rest.
+
+    Seven pieces of constant jerk or fewer. In a YAML a limit that is not written is that of the
+    URDF's `<limit velocity= acceleration= jerk=>`; here `robot.limits` has them.
+
+    Args:
+        joints, platform: As of `cycloid`.
+        velocity: Limit [rad/s | m/s], of all or {name: limit}.
+        acceleration: [rad/s^2 | m/s^2]. jerk: [rad/s^3 | m/s^3].
+    Source: Biagiotti, Melchiorri (2008), section 3.4.
+    """
+    target, moves, delta = keys.moves_of(joints, platform, "scurve")
+    given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+    limits = {name: by_name(value, moves, "scurve", name) for name, value in given.items()}
+    _require_way(moves, "scurve")
+    v, a, j = (least_of(moves, limit) for limit in limits.values())
+    rise, ramp, cruise = ramps(v, a, j)
+    flat = ramp - 2.0 * rise
+    times = [rise, flat, rise, cruise, rise, flat, rise]
+    law = _jerks(times, [j, 0.0, -j, 0.0, -j, 0.0, j], delta)
+    spec = {"kind": "scurve", target: moves, **limits}
+    end = float(law.knots[-1])
+    corners = tuple(law.knots[1:-1].tolist())
+    return Motion("scurve", target, tuple(moves), end, law, False, spec, corners)
+
+
+@public
+def ruckig(
+    *,
+    joints: Moves = None,
+    platform: Moves = None,
+    velocity: Limit = None,
+    acceleration: Limit = None,
+    jerk: Limit = None,
+) -> Motion:
+    """Displacements within limits that end together, each along its own profile; then rest.
+
+    Where limits differ this is shorter than `scurve`, whose path is straight. Needs ruckig
+    (`pip install "pinflex[ruckig]"`).
+
+    Args: As of `scurve`.
+    Source: Berscheid, Kroeger (2021), time-synchronised.
+    """
+    target, moves, delta = keys.moves_of(joints, platform, "ruckig")
+    given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+    limits = {name: by_name(value, moves, "ruckig", name) for name, value in given.items()}
+    _require_way(moves, "ruckig")
+    solver = library("ruckig", "motion ruckig")
+    asked, found = solver.InputParameter(len(moves)), solver.Trajectory(len(moves))
+    asked.current_position, asked.target_position = [0.0] * len(moves), delta.tolist()
+    for quantity, limit in limits.items():
+        setattr(asked, f"max_{quantity}", [*limit.values()])
+    if solver.Ruckig(len(moves)).calculate(asked, found) != solver.Result.Working:
+        raise keys.bad("ruckig", "no profile was found within these limits. Take scurve.")
+    law = _together(found.profiles[0], delta, float(found.duration))
+    spec = {"kind": "ruckig", target: moves, **limits}
+    corners = tuple(law.knots[1:-1].tolist())
+    return Motion("ruckig", target, tuple(moves), float(law.knots[-1]), law, False, spec, corners)
+
+
+def _require_way(moves: Mapping[str, float], kind: str) -> None:
+    if not any(moves.values()):
+        raise keys.bad(kind, "every displacement is 0. Give one that is not, or take hold.")
+
+
+def _jerks(times: list[float], jerks: list[float], delta: Array) -> Pieces:
+    """Pieces of constant jerk of s, from rest, those without length left out."""
+    p = v = a = 0.0
+    kept, powers = [0.0], []
+    for time, j in zip(times, jerks, strict=True):
+        if time > 0.0:
+            powers.append([p, v, 0.5 * a, j / 6.0])
+            kept.append(time)
+        p += time * (v + time * (0.5 * a + time * j / 6.0))
+        v += time * (a + time * 0.5 * j)
+        a += time * j
+    knots = np.array([*accumulate(kept)])
+    return Pieces(knots, np.multiply.outer(np.array(powers), delta), delta)
+
+
+def _together(profiles: Any, delta: Array, end: float) -> Pieces:
+    """Profiles of constant jerks of each name on the knots of all."""
+    own = []
+    for one in profiles:
+        times = np.concatenate([one.brake.t, one.t])
+        starts = np.concatenate([[0.0], np.cumsum(times)[:-1]])
+        jerk = np.concatenate([one.brake.j, one.j])
+        keep = times > 0.0
+        own.append((starts[keep], jerk[keep]))
+    every = np.unique(np.round(np.concatenate([starts for starts, _ in own]), 12))
+    knots = np.append(every[every < end - 1e-12], end)
+    lengths = np.diff(knots)
+    powers = np.zeros((len(lengths), 4, len(own)))
+    for k, (starts, jerk) in enumerate(own):
+        p = v = a = 0.0
+        for m, (begin, h) in enumerate(zip(knots[:-1], lengths, strict=True)):
+            j = jerk[np.searchsorted(starts, begin + 1e-11, side="right") - 1]
+            powers[m, :, k] = p, v, 0.5 * a, j / 6.0
+            p += h * (v + h * (0.5 * a + h * j / 6.0))
+            v += h * (a + h * 0.5 * j)
+            a += h * j
+    return Pieces(knots, powers, delta)
