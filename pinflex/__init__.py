@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         sampled,
         scurve,
         spin_up,
+        trajectory,
         trapezoid,
     )
     from pinflex.description.motions.trajectory import adept, moves
@@ -184,6 +185,7 @@ __all__ = [
     "static_equilibrium",
     "sweep",
     "track",
+    "trajectory",
     "trapezoid",
     "view",
 ]
@@ -211,6 +213,7 @@ _HOME = {
         "sampled",
         "scurve",
         "spin_up",
+        "trajectory",
         "trapezoid",
     ),
     "description.motions.trajectory": (

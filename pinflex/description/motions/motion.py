@@ -27,11 +27,12 @@ from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES, Moves
 from pinflex.description.motions.trajectory import Motion, of_moves
 from pinflex.description.reading.schema import shown
 from pinflex.description.trajectories.profiles import Limit, ruckig, scurve, trapezoid_times
+from pinflex.description.trajectories.waypoints import trajectory
 from pinflex.errors import DescriptionError, nearest
 
 __all__ = [
     "KINDS", "Motion", "circle", "cycloid", "formula", "from_spec", "harmonic", "hold",
-    "nonic", "quintic", "ruckig", "sampled", "scurve", "spin_up", "trapezoid",
+    "nonic", "quintic", "ruckig", "sampled", "scurve", "spin_up", "trajectory", "trapezoid",
 ]  # fmt: skip
 
 
@@ -302,6 +303,7 @@ KINDS |= {"moves": paths.moves, "adept": paths.adept}
 KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
 KINDS |= {"scurve": scurve, "ruckig": ruckig}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
+KINDS |= {"trajectory": trajectory}
 
 
 def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion:
