@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pinflex.actuation.setpoints import Setpoints, missed, ticks, write_message
 from pinflex.advice.error_bars import platform_bar
 from pinflex.arrays import Array
 from pinflex.boundary import public
@@ -30,7 +31,6 @@ from pinflex.recovery.drives import drives
 from pinflex.results.error_bars import NOT_MEASURED
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
-from pinflex.writing import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +41,7 @@ _LEAST, _MOST = 120, 4000  # instants in all
 _FEWEST = 30  # that are asked for: differences of eighth order take nine
 _NO_BETTER = 0.5  # of the last error: an order of four and more leaves 0.15, round-off more
 _REFINED = 1.6  # instants of a finer grid over those of the last
-_MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
+_MOTOR_SIDE = {"motor_position": "rad", "motor_speed": "rad/s", "motor_torque": "N m"}
 _POOR = 1e-2  # of what the rigid command misses: a bar that is worth a second grid
 _STILL = 1e-3  # of its top speed, below which a motor rests
 _AT_REST = 1e-3  # of the largest speed: samples of a motion end at rest to about that
@@ -170,18 +170,54 @@ class Command:
         corners = self.before, end - self.after  # where the platform starts and stops
         return Motion("command", "joints", names, end, law, True, corners=corners)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def at_rate(self, rate: float | None = None) -> Setpoints:
+        """Rows for a controller and what its interpolation misses; None: the command's instants.
+
+        Args:
+            rate: Rows in a second [Hz].
+        """
+        t = self.t if rate is None else ticks(float(self.t[-1]), rate)
+        p, v, a = self.motion.evaluate(t)
+        sides = {
+            f"{name}.{key} [{unit}]": side[key]
+            for name, side in self.drives.items()
+            for key, unit in _MOTOR_SIDE.items()
+        }
+        values = np.column_stack([self.torque, *sides.values()])
+        if rate is None:
+            p, v, a = self.position, self.velocity, self.acceleration
+        else:
+            values = spline(self.t, values)(np.minimum(t, self.t[-1]))
+        n = len(self.motors)
+        units = tuple("m" if unit == "N" else "rad" for unit in self.units)
+        more = dict(zip(sides, values[:, n:].T, strict=True))
+        off = missed(self.motion.evaluate, t)
+        return Setpoints(self.motors, units, t, p, v, a, True, off, values[:, :n], more)
+
+    def to_csv(self, path: str | Path, rate: float | None = None) -> Path:
         """Write t, then position, velocity, acceleration and torque of every motor, SI units.
 
         Behind them stand position, speed and torque of the motor of every drive.
+
+        Args:
+            path: The file.
+            rate: Rows in a second [Hz]; default: the instants of the command.
         """
-        groups = ("position", "velocity", "acceleration", "torque")
-        header = ["t", *(f"{motor}.{group}" for motor in self.motors for group in groups)]
-        header += [f"{name}.{key}" for name in self.drives for key in _MOTOR_SIDE]
-        more = [values[key] for values in self.drives.values() for key in _MOTOR_SIDE]
-        columns = np.stack([getattr(self, group) for group in groups], axis=2)
-        table = np.column_stack([self.t, columns.reshape(len(self.t), -1), *more])
-        return write_csv(path, header, ([f"{x:.12g}" for x in row] for row in table))
+        return self.at_rate(rate).to_csv(path)
+
+    def to_joint_trajectory(
+        self, path: str | Path | None = None, rate: float | None = 1000.0
+    ) -> dict[str, Any]:
+        """The command as a ROS 2 JointTrajectory, plain data, torques as effort.
+
+        Args:
+            path: .yaml or .json, where it is to be written too.
+            rate: Points in a second [Hz]; None: the instants of the command.
+        """
+        data = self.at_rate(rate).message()
+        if path is not None:
+            write_message(path, data)
+        return data
 
 
 def _follow(curve: Callable[..., Array], end: float, t: Array) -> Kinematics:

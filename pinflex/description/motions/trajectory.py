@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,6 +86,49 @@ class Motion:
             ax: Where to draw that; default: axes of a new figure.
         """
         return door("viewer.plots.shapes", "plot_motion")(self, until, panel, ax)
+
+    def at_rate(self, rate: float = 1000.0, robot: Any = None) -> Any:
+        """Rows for a controller and what its interpolation misses: `t`, `position`, `missed`, ...
+
+        Args:
+            rate: Rows in a second [Hz].
+            robot: A mechanism, for the rows of all its motors: home is added to displacements, and
+                a motion of the platform becomes that of the motors (inverse kinematics).
+        """
+        return door("actuation.setpoints", "setpoints")(self, rate, robot)
+
+    def to_csv(self, path: str | Path, rate: float = 1000.0, robot: Any = None) -> Path:
+        """Write t, position, velocity and acceleration at a rate [Hz], units in the header.
+
+        Args:
+            path: The file.
+            rate, robot: As of `at_rate`. Without a robot displacements stay displacements.
+        """
+        found: Path = self.at_rate(rate, robot).to_csv(path)
+        return found
+
+    def to_joint_trajectory(
+        self, path: str | Path | None = None, rate: float | None = None, robot: Any = None
+    ) -> dict[str, Any]:
+        """The motion as a ROS 2 JointTrajectory, plain data; also written where a path is given.
+
+        Args:
+            path: .yaml or .json.
+            rate: Points in a second [Hz]; default: 1000, and the waypoints themselves of a motion
+                that came in so.
+            robot: As of `at_rate`; needed for displacements from home and motions of the platform.
+        """
+        own = self.kind == "trajectory" and rate is None and robot is None
+        if own:
+            points, names = self.spec["points"], self.names
+            rows = {key: np.array([x[key] for x in points]) for key in points[0]}
+            times = rows.pop("time_from_start")
+            data = door("actuation.setpoints", "message")(names, times, rows)
+        else:
+            data = self.at_rate(rate or 1000.0, robot).message()
+        if path is not None:
+            door("actuation.setpoints", "write_message")(path, data)
+        return dict(data)
 
     def _repr_html_(self) -> str:
         p, v, a = self.evaluate(np.linspace(0.0, self.duration, 401))

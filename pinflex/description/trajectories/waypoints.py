@@ -55,13 +55,17 @@ def trajectory(
     if isinstance(file, str | Path):
         found = messages.read(file)
     elif file is not None or points is not None:
-        message = file if file is not None else {"joint_names": joint_names, "points": points}
+        message: Any = file if file is not None else {"joint_names": joint_names, "points": points}
         found = messages.of_message(message, _inline)
     keys.names(found.names, "joints", "trajectory.joint_names")
     begin = _begin(found, start)
     law = _law(found, begin)
     inner = law.knots[1:-1].tolist() if len(law.knots) <= _FEW + 2 else law.corners(_JUMP)
-    spec = {"kind": "trajectory", "joint_names": [*found.names], "points": points_of(found)}
+    spec: dict[str, Any] = {
+        "kind": "trajectory",
+        "joint_names": [*found.names],
+        "points": points_of(found),
+    }
     if start is not None:
         spec["start"] = dict(zip(found.names, begin.tolist(), strict=True))
     end = float(found.t[-1])
