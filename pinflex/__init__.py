@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from pinflex.integrators.collocation import generalized_alpha, hht, newmark
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
+    from pinflex.inversion.retime import Retimed, retime
     from pinflex.inversion.tracking import track
     from pinflex.levels.excited import ringing
     from pinflex.levels.modes import Modes, modes
@@ -134,6 +135,7 @@ __all__ = [
     "MotionError",
     "PinflexError",
     "Result",
+    "Retimed",
     "Scatter",
     "SceneError",
     "Sensitivities",
@@ -174,6 +176,7 @@ __all__ = [
     "pose_map",
     "quintic",
     "recompute",
+    "retime",
     "ringing",
     "ruckig",
     "sampled",
@@ -241,6 +244,10 @@ _HOME = {
     "inversion.linear_model": (
         "LinearModel",
         "linearise",
+    ),
+    "inversion.retime": (
+        "Retimed",
+        "retime",
     ),
     "inversion.tracking": ("track",),
     "levels.excited": ("ringing",),

@@ -6,13 +6,16 @@ import argparse
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json, say_written, working
 from pinflex.errors import DescriptionError
 from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
+
+if TYPE_CHECKING:
+    from pinflex.inversion.command import Command
 
 
 def add(commands: parser.Commands) -> None:
@@ -28,7 +31,14 @@ motion at once; quasistatic is cheaper and enough where the motion is slow besid
 With --verify a forward run of level coupled tells what is left, beside the rigid command.""",
         "pinflex command delta -o command.csv --verify",
     )
-    p.add_argument("-o", "--output", metavar="FILE.csv", help="write t, motor motion and torques")
+    p.add_argument(
+        "-o", "--output", metavar="FILE",
+        help="write t, motor motion and torques: .csv, or a JointTrajectory: .yaml, .json",
+    )  # fmt: skip
+    p.add_argument(
+        "--rate", type=parser.positive, metavar="HZ",
+        help="of the rows of -o, such as 1000 (default: the instants that were found)",
+    )  # fmt: skip
     p.add_argument(
         "--level", choices=("rigid", "quasistatic", "exact"), default="exact", metavar="LEVEL",
         help="rigid, quasistatic or exact (default)",
@@ -67,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
 
     if (args.plot or args.view) and not args.verify:
         raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
+    if args.rate is not None and args.output is None:
+        raise DescriptionError("--rate is of the file that is written. Add -o FILE.csv.")
     if args.plot:
         from pinflex.viewer.plots.drawing import check_figure
 
@@ -92,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     model = found.model_error, found.model_note
     if runs and not np.all(np.isfinite(model[0])):
         model = platform_bar(mechanism, found.coordinates, found.motion, runs[found.level].run)
-    files = [] if args.output is None else [found.to_csv(args.output)]
+    files = [] if args.output is None else [_written(found, args.output, args.rate)]
     files += _shown(args, commands, runs)
     rows = [
         row_of(found.level, name, side, np.array(found.limit_curves[name]).reshape(-1, 2))
@@ -103,8 +115,18 @@ def run(args: argparse.Namespace) -> int:
         print_json(data)
     else:
         print(_text(data, drive_table(rows)))
+        if args.rate is not None:
+            print(paragraph(found.at_rate(args.rate).text()) + "\n")
         say_written(files, "-o FILE.csv")
     return 0
+
+
+def _written(found: Command, path: str, rate: float | None) -> Path:
+    """The command as a table, or as a JointTrajectory."""
+    if Path(path).suffix.lower() in (".yaml", ".yml", ".json"):
+        found.to_joint_trajectory(path, rate)
+        return Path(path)
+    return found.to_csv(path, rate)
 
 
 def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, Any]) -> list[Path]:

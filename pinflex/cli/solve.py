@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -10,10 +11,12 @@ import numpy as np
 
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json, say_written
-from pinflex.errors import RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.progress import Bar
-from pinflex.text import length, number, table
+from pinflex.text import length, number, paragraph, table
 from pinflex.writing import writable
+
+_WHOLE = 1e-9  # of a number of ticks: round-off
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -42,8 +45,12 @@ run that stops early is saved up to its last good step.""",
         metavar="E",
         help="relative error of time integration instead of a step, such as 1e-3",
     )
-    p.add_argument(
+    grid = p.add_mutually_exclusive_group()
+    grid.add_argument(
         "--samples", type=parser.samples, metavar="N", help="instants to keep (default 401)"
+    )
+    grid.add_argument(
+        "--rate", type=parser.positive, metavar="HZ", help="the same by their rate, such as 1000"
     )
     p.add_argument(
         "--resume", metavar="RUN.npz", help="go on with a stopped or shorter run, to --until"
@@ -80,6 +87,11 @@ def run(args: argparse.Namespace) -> int:
     print(result.summary())
     print("".join(f"\n{block}\n" for block in _tables(numbers)), end="")
     print()
+    if args.rate is not None:
+        from pinflex.solver.solve import default_motion
+
+        rows = default_motion(mechanism).at_rate(args.rate, mechanism)
+        print(paragraph(rows.text()) + "\n")
     say_written(files, "-o run.npz")
     return 0
 
@@ -90,11 +102,28 @@ def _solve(args: argparse.Namespace, mechanism: Mechanism, bar: Bar) -> Result:
     level = args.level or mechanism.description.solve.level
     options = {key: getattr(args, key) for key in ("until", "dt", "tol", "samples", "resume")}
     options |= {"level": level, "progress": bar}
+    if args.rate is not None:
+        options["samples"] = _samples(args, mechanism)
     if args.checkpoint is None:
         return solve(mechanism, **options)
     from pinflex.cli.checkpoint import saved_meanwhile
 
     return saved_meanwhile(mechanism, args.output, args.checkpoint, options)
+
+
+def _samples(args: argparse.Namespace, mechanism: Mechanism) -> int:
+    """Instants of a whole number of ticks of --rate."""
+    from pinflex.solver.solve import default_motion
+
+    until = args.until or mechanism.description.solve.until or default_motion(mechanism).duration
+    count = until * args.rate
+    if abs(count - round(count)) > _WHOLE * count or round(count) < 1:
+        more = max(math.ceil(count), 1) / args.rate
+        raise DescriptionError(
+            f"--rate {args.rate:g}: {until:g} s is no whole number of 1/{args.rate:g} s. "
+            f"Give --until {more:g}."
+        )
+    return parser.samples(str(round(count) + 1))
 
 
 def _save(args: argparse.Namespace, result: Result) -> list[Path]:

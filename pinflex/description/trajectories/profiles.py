@@ -30,6 +30,7 @@ UNITS = {
     "velocity": "rad/s or m/s",
     "acceleration": "rad/s^2 or m/s^2",
     "jerk": "rad/s^3 or m/s^3",
+    "effort": "N m or N",
 }
 KINDS = {  # motions that keep limits, with those that they need
     "trapezoid": ("velocity", "acceleration"),
