@@ -105,9 +105,9 @@ class Setpoints:
                 by_unit[unit] = max(by_unit.get(unit, 0.0), x)
             parts.append(f"{word} " + ", ".join(f"{x:.2g} {u}" for u, x in by_unit.items()))
         return (
-            f"{len(self.t)} rows at {self.rate:g} Hz. Between rows a controller is off the motion "
-            f"by at most: {'; '.join(parts)} (cubic: by positions and velocities; quintic: by "
-            "accelerations too)."
+            f"At {self.rate:g} Hz a controller is off the motion between rows by at most: "
+            f"{'; '.join(parts)} (cubic: by positions and velocities; quintic: by accelerations "
+            "too)."
         )
 
     def _repr_html_(self) -> str:

@@ -37,9 +37,11 @@ def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tm
     exact, rigid = found["followed"]["exact"], found["followed"]["rigid"]
     assert exact["during"] < 1e-2 * rigid["during"]  # of 66 nm
     table = np.genfromtxt(file, delimiter=",", names=True)
-    assert table.dtype.names[:2] == ("t", "motorposition")
-    assert table["t"][-1] == pytest.approx(found["duration"])
-    assert np.abs(table["motortorque"]).max() == pytest.approx(found["motors"]["motor"]["torque"])
+    assert table.dtype.names[:2] == ("t_s", "motorposition_rad")
+    assert table["t_s"][-1] == pytest.approx(found["duration"])
+    assert np.abs(table["motortorque_N_m"]).max() == pytest.approx(
+        found["motors"]["motor"]["torque"]
+    )
 
 
 def test_a_figure_without_a_forward_run_is_refused(capsys, fourbar):
