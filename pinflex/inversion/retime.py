@@ -31,19 +31,19 @@ from pinflex.levels.excited import ringing
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.text import brief
 
 QUANTITIES = tuple(field.name for field in fields(MotorLimits))
 _POWER = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _INSTANTS = 600  # at which a motion is looked at, beside those just before and behind its corners
 _BESIDE = 1e-7  # of the duration: how far from a corner
 _JUMP = 1e-3  # of the largest acceleration, at a corner: less is round-off
+_ON_PATH = 1e-9  # [rad | m]: round-off
 _KEPT = 1e-9  # of a limit: by how much a result may be beyond it
 _ROUNDS = 60  # of halving a factor; 1e-12 of it is enough
 _TRIES = 12  # of slowing down a shaped motion whose torques are too large
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Retimed:
     """A motion under limits, and how much of each it takes.
 
@@ -55,13 +55,15 @@ class Retimed:
         off_path: Largest distance of a motor from the path given [rad | m]: 0 without a shaper.
     """
 
-    __repr__ = brief
-
     motion: Motion
     factor: float
     held_by: str
     shares: Mapping[str, Mapping[str, float]]
     off_path: float = 0.0
+
+    def __repr__(self) -> str:
+        bent = f", {self.off_path:.2g} rad or m off the path" if self.off_path > _ON_PATH else ""
+        return f"<Retimed {self.motion.duration:.4g} s, held by the {self.held_by}{bent}>"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -149,9 +151,11 @@ class _Seen:
                     "(SI), which no limit of the jerk allows. Give waypoints with accelerations, "
                     "a quintic or an scurve; or take the limit away: limits={'jerk': None}."
                 )
-        steps = np.delete(np.arange(len(self.t) - 1), self.sides)
-        rise = (a[steps + 1] - a[steps]) / (self.t[steps + 1] - self.t[steps])[:, None]
-        return np.asarray(np.abs(rise).max(axis=0))
+        first = np.concatenate([[0], self.sides + 1])
+        last = np.concatenate([self.sides, [len(self.t) - 1]])
+        pairs = zip(first, last, strict=True)
+        every = [_slopes(self.t[i : j + 1], a[i : j + 1]) for i, j in pairs if j > i]
+        return np.asarray(np.max(every, axis=0))
 
     def torque(self, factor: float) -> Array:
         """Rigid torques of the motors (nt, nm) of the motion `factor` times as long."""
@@ -278,6 +282,19 @@ def _by_effort(seen: _Seen, limit: Mapping[str, float], least: float) -> tuple[f
 def _largest(shares: Mapping[str, Mapping[str, float]]) -> str:
     every = {f"{q} of {name}": x for q, by_motor in shares.items() for name, x in by_motor.items()}
     return max(every, key=lambda words: every[words])
+
+
+def _slopes(t: Array, a: Array) -> Array:
+    """Largest slope of each column (n,) of a smooth piece, up to its ends."""
+    slope = np.diff(a, axis=0) / np.diff(t)[:, None]
+    found = np.abs(slope).max(axis=0)
+    if len(slope) < 2:
+        return np.asarray(found)
+    middle = 0.5 * (t[1:] + t[:-1])
+    for k, other, end in ((0, 1, t[0]), (-1, -2, t[-1])):
+        bend = (slope[k] - slope[other]) / (middle[k] - middle[other])
+        found = np.maximum(found, np.abs(slope[k] + bend * (end - middle[k])))
+    return np.asarray(found)
 
 
 def _peaks(values: Array, t: Array) -> Array:

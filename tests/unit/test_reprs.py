@@ -55,6 +55,7 @@ def objects() -> list[Any]:
                  outputs=["torque"]),
         pf.pose_map(robot, {"x": [0.0, 0.01]}, count=2),
         pf.frequency_response(robot), robot.description, *_others(robot, run),
+        pf.retime(robot, MOVE, {"velocity": 1}), MOVE.at_rate(1000, robot), robot.limits,
     ]  # fmt: skip
 
 
