@@ -50,6 +50,33 @@ def test_bending_adds_to_the_axial_stress_whatever_their_signs(axial: float) -> 
         assert stresses(strip, forces)["normal"].item() == pytest.approx(expected, rel=1e-12)
 
 
+# A tee of 20 x 20 x 3 mm, flange upwards, about its own centroid: [m], z up.
+WIDE, WALL = 0.02, 0.003
+PARTS = ((WIDE * WALL, 0.0185, WIDE * WALL**3 / 12), (0.017 * WALL, 0.0085, WALL * 0.017**3 / 12))
+AREA = sum(A for A, _, _ in PARTS)
+CENTROID = sum(A * z for A, z, _ in PARTS) / AREA  # above the foot
+TOP, FOOT = WIDE - CENTROID, -CENTROID
+IY = sum(own + A * (z - CENTROID) ** 2 for A, z, own in PARTS)  # Steiner
+TEE = f"""{{shape: given, A: {AREA}, Iy: {IY}, Iz: 2e-9, J: 3e-10, fibres: [
+      [-0.01, {TOP}], [0.01, {TOP}], [0.0015, {FOOT}], [-0.0015, {FOOT}]]}}"""
+
+
+@pytest.mark.parametrize(("pull", "lift"), [(500, 2), (500, -2), (-500, 2), (-500, -2)])
+def test_a_tee_is_strained_most_where_pull_and_bend_meet(
+    pull: float, lift: float, tmp_path: Path
+) -> None:
+    """N / A - M z / I, at the foot or the flange: whether N pulls or pushes decides which."""
+    head = f"forces: {{load: {{at: tip, force: [{pull}, 0, {lift}]}}}}\nframes: [tip]\n"
+    text = scene("{kind: craig_bampton, internal: 2}", head, section=TEE)
+    text = text.replace("E: 1,", "E: 2e11,").replace("bending_z: false", "bending_z: true")
+    run = pf.solve(load(tmp_path, BEAM, text), pf.hold(duration=1.0), "quasistatic", samples=2)
+    x, _, z = run.frame("tip").position[0]
+    M = lift * x - pull * z  # of the tip's load about the root, as the beam stands
+    expected = max(abs(pull / AREA - M * at / IY) for at in (TOP, FOOT))
+    # 1e-6: equilibrium to Newton's tolerance
+    assert run.link("beam").stress("normal")[0, 0] == pytest.approx(expected, rel=1e-6)
+
+
 ROD, DIAMETER = 0.8, 0.01  # [m], of steel
 SHAFT = f"""
   shaft:

@@ -462,6 +462,27 @@ def test_frames_degrees_and_axes_of_other_frames_of_an_sdf(tmp_path: Path) -> No
     assert held.torque[0, 0] == pytest.approx(2 * 9.81 * 0.2, rel=1e-12)
 
 
+# A pendulum whose frame is turned a quarter about z, in the words of before 1.7.
+TURNED = """<sdf version="1.5"><model name="pendulum">
+  <link name="base"/>
+  <link name="bob"><pose>0 0 1 0 0 1.5707963267948966</pose>
+    <inertial><pose>0.2 0 0 0 0 0</pose><mass>2</mass></inertial></link>
+  <joint name="ground" type="fixed"><parent>world</parent><child>base</child></joint>
+  <joint name="pin" type="revolute"><parent>base</parent><child>bob</child>
+    <axis><xyz>1 0 0</xyz><use_parent_model_frame>FLAG</use_parent_model_frame></axis></joint>
+</model></sdf>
+"""
+
+
+@pytest.mark.parametrize(("flag", "arm"), [("1", 0.2), ("true", 0.2), ("0", 0.0)])
+def test_an_axis_in_the_frame_of_the_model(flag: str, arm: float, tmp_path: Path) -> None:
+    """The bob, along y, hangs on the model's x with its whole arm, on its own x with none."""
+    m = pf.load(sdf(tmp_path, TURNED.replace("FLAG", flag)))
+    held = pf.solve(m, pf.hold(duration=0.1), level="rigid", samples=2)
+    # by round-off of the torque of the whole arm
+    assert held.torque[0, 0] == pytest.approx(2 * 9.81 * arm, abs=1e-12)
+
+
 # Turned a quarter about z, with all axes of two kinds of joints, one in the tree and one in a loop.
 CARDAN = """<sdf version="1.9"><model name="cardan">
   <link name="base"/>
