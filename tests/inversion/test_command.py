@@ -485,11 +485,14 @@ def test_fewer_coordinates_than_motors(name: str, tmp_path: Path) -> None:
     assert later < found.error[0] < 4.0 * later
 
 
-@pytest.mark.parametrize("duration", [0.25, 0.2])
+@pytest.mark.parametrize("duration", [0.25, 0.13])
 def test_links_that_swing_far_beside_the_path_keep_the_coordinate_that_is_named(
     duration: float, tmp_path: Path
 ) -> None:
-    """Each correction was -1.1 times the last one there, as the path's curvature is left out."""
+    """Each correction was -1.1 times the last one there, as the path's curvature is left out.
+
+    In 0.13 s the first correction turns a link by 10 rad, and the motion found stands all the same.
+    """
     robot, motion = two_links(tmp_path), nonic_motion(duration, x=-0.2, z=0.3)
     found = pf.command(robot, motion, coordinates=["z"])
     assert (
