@@ -188,9 +188,9 @@ def test_and_on_random_trees_with_every_kind_of_closure(seed: int) -> None:
 
 
 @needs_kernel
-@pytest.mark.parametrize("first", range(12, 200, 47))
-def test_and_the_residuals_of_two_hundred_of_them(first: int) -> None:
-    for seed in range(first, first + 47):
+@pytest.mark.parametrize("first", range(12, 60, 16))
+def test_and_the_residuals_of_sixty_of_them(first: int) -> None:
+    for seed in range(first, first + 16):
         system, home = closed_anyhow(seed)
         given = states(system, home, 4, seed)
         R, C = Compiled(system).residual(*given)
