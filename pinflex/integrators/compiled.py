@@ -156,9 +156,9 @@ class CompiledAlpha:
         if signals is not None:
             found = *found, signals.u, signals.measured
             self._found = found
-        self._kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
+        self.kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
         self._at: Step | None = None  # where its own last step ended
-        self._kernel.at.reference = self._scale(begin)
+        self.kernel.at.reference = self._scale(begin)
 
     def _scale(self, k: int) -> float:
         """Norm of the acceleration at step k; that of what static forces could do, if more."""
@@ -185,7 +185,7 @@ class CompiledAlpha:
         Raises:
             NoConvergence: The first step fails.
         """
-        feedback, law, t = self._march.feedback, self._kernel.law, self._march.path.t
+        feedback, law, t = self._march.feedback, self.kernel.law, self._march.path.t
         taken = self._take(k, now, last, upto)
         if feedback is not None and law is not None:
             feedback.go_on(float(t[k + taken]), law.target, law.x, law.e)
@@ -195,7 +195,7 @@ class CompiledAlpha:
         return k + taken, self._at, last
 
     def _take(self, k: int, now: Step, last: Step, upto: int) -> int:
-        march, kernel, at = self._march, self._kernel, self._kernel.at
+        march, kernel, at = self._march, self.kernel, self.kernel.at
         feedback, law, t = march.feedback, kernel.law, march.path.t
         if now is not self._at:
             kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))

@@ -7,7 +7,7 @@ step are those of this object: they change with every call.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -28,7 +28,7 @@ class Block:
     """Arrays of one type, zero or given, each at a multiple of 64 bytes.
 
     Attributes:
-        arrays, addresses: By name. size: Bytes.
+        arrays, addresses: By name. raw: All of them in one. size: Bytes.
     """
 
     def __init__(
@@ -42,14 +42,14 @@ class Block:
         every = _ALIGNED // wide
         shapes = dict(shapes) | {name: array.shape for name, array in given.items()}
         sizes = [_size(shape) for shape in shapes.values()]
-        self._raw = np.zeros(sum(sizes) + every * (len(sizes) + 1), dtype=dtype)
-        self.size = self._raw.nbytes
-        first = self._raw.ctypes.data
+        self.raw = np.zeros(sum(sizes) + every * (len(sizes) + 1), dtype=dtype)
+        self.size = self.raw.nbytes
+        first = self.raw.ctypes.data
         at = -first % _ALIGNED // wide
         self.arrays: dict[str, npt.NDArray[Any]] = {}
         self.addresses: dict[str, int] = {}
         for (name, shape), size in zip(shapes.items(), sizes, strict=True):
-            self.arrays[name] = self._raw[at : at + size].reshape(shape)
+            self.arrays[name] = self.raw[at : at + size].reshape(shape)
             self.addresses[name] = first + at * wide
             at += (size + every - 1) // every * every
         for name, array in given.items():
@@ -247,6 +247,7 @@ class AlphaKernel:
 
     Attributes:
         at: The C structure: settings, scales and counts. law: A feedback, or None.
+        rows: What is prescribed at the instants, and the states there, each (steps, n).
         residual: What a step that failed has left last, shape (nv,); nan where it ran away.
     """
 
@@ -265,8 +266,8 @@ class AlphaKernel:
         size = free + rows
         widths = [*(motors,) * 3, n["forces"], nq, nv, nv, nv, rows, motors, 2]
         widths += [] if law is None else [law.drives, law.measures]
-        self._rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in path), *found)
-        for x, width in zip(self._rows, widths, strict=True):
+        self.rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in path), *found)
+        for x, width in zip(self.rows, widths, strict=True):
             if x.shape != (steps, width) or x.dtype != float or not x.flags.c_contiguous:
                 raise PinflexError(f"kernel: {x.shape} numbers, not {(steps, width)} in one piece.")
         state = dict(zip(_STATE, (nq, nv, nv, nv, rows), strict=True))
@@ -283,7 +284,7 @@ class AlphaKernel:
         self.residual = self._numbers.arrays["r"]
         self._integers = Block({"pivot": (size + 1,), "order": (3 * size + 1,)}, {}, np.int64)
         self._stages, self._steps, self._widths, self.law = stages, steps, widths, law
-        self._first = tuple(x.ctypes.data for x in self._rows)
+        self._first = tuple(x.ctypes.data for x in self.rows)
         where = self._numbers.addresses
         self.at = _Alpha(
             most=given.most, stale=1, joints=stages.address, predict=where["predict"],
@@ -305,12 +306,45 @@ class AlphaKernel:
 
     def march(self, first: int, count: int) -> int:
         """Up to so many steps, the first to instant `first`; the number of steps taken."""
+        return self.marcher(first, count)()
+
+    def marcher(self, first: int, count: int) -> Callable[[], int]:
+        """`march`, ready to be called again and again with nothing to be made for a call."""
         if not (first > 0 and count >= 0 and first + count <= self._steps):
             raise PinflexError(f"kernel: {count} steps from {first}, of {self._steps}.")
         rows = _Rows(*(
             at + 8 * first * width for at, width in zip(self._first, self._widths, strict=True)
         ))  # fmt: skip
-        stages = self._stages
-        return int(stages.functions.pinflex_alpha(
-            stages.tables, stages.work, ctypes.addressof(self.at), count, ctypes.addressof(rows)
-        ))  # fmt: skip
+        stages, at = self._stages, ctypes.addressof(self.at)
+        given = stages.tables, stages.work, at, count, ctypes.addressof(rows)
+        function = stages.functions.pinflex_alpha
+
+        def march(_: object = rows) -> int:  # which lives as long as the function
+            return int(function(*given))
+
+        return march
+
+    def kept(self) -> tuple[bytes, ...]:
+        """All that the steps go on with: state, factors, scales and counts."""
+        blocks = (block.raw.tobytes() for block in (self._numbers, self._integers))
+        return (*blocks, bytes(self.at), *(x.tobytes() for x in self.rows))
+
+    def go_back(self, kept: tuple[bytes, ...]) -> None:
+        """Be as at the time of `kept`, to the last bit."""
+        arrays = self._numbers.raw, self._integers.raw, *self.rows
+        for array, was in zip(arrays, (*kept[:2], *kept[3:]), strict=True):
+            array[...] = np.frombuffer(was, array.dtype).reshape(array.shape)
+        ctypes.memmove(ctypes.addressof(self.at), kept[2], ctypes.sizeof(self.at))
+
+    def limit(self, tangents: int, every: int, most: int, stops: Sequence[Array] | None) -> None:
+        """Bound what a step costs, and where the motors go.
+
+        `tangents`: new ones in a step, `every`: steps between two (0: as it takes, both);
+        `most`: iterations; `stops`: lowest and highest positions of the motors.
+        """
+        self.at.allowed, self.at.every, self.at.most = tangents, every, most
+        if stops is not None:
+            names = ("low", "high")
+            self._stops = Block({}, dict(zip(names, stops, strict=True)))
+            for name in names:
+                setattr(self.at, name, self._stops.addresses[name])

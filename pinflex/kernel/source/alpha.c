@@ -3,7 +3,8 @@
      [ m M + gamma h C + beta h^2 K    J' ] [  ds  ]     [ r              ]
      [ J                               0  ] [ -dlam] = - [ c / (beta h^2) ],    m = da/ds
 
-   What fails so is tried from the last acceleration, with the exact tangent in every iteration.
+   What fails so is tried from the last acceleration, with the exact tangent in every iteration; but
+   not where a step may take so many tangents only: what it costs at the most is known then.
    pinflex/integrators/plain_alpha.py has the same steps, plainly, and the states they begin from. */
 #include "law.h"
 #include "lu.h"
@@ -16,6 +17,8 @@ typedef struct { double *y, *v, *a, *s, *lam; } State;
 typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */
+  Int allowed, every, age;             /* tangents of a step, steps between them (0: as it takes); since the last */
+  Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */
   const double *predict;               /* (3, 4): a, and a, s, v before, to s, v and the move */
@@ -25,6 +28,7 @@ typedef struct {
   double *narrow, *room;               /* factors where entries lie near the diagonal; (n + rows,) */
   Int *pivot, *order;                  /* order: (3 (n + rows),) */
   Int band;                            /* of the unknowns in that order */
+  const double *low, *high;            /* stops of the motors, (motors,), or NULL */
   double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */
   double tolerance, farthest;          /* m or rad that an elastic coordinate may go */
   double reference, peak;              /* accelerations: of the time, and the largest */
@@ -83,7 +87,7 @@ static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale,
   }
   /* Positions are known to 1e-15 (m, rad); as accelerations that is this much noise. */
   m->noise = 1e-15 / m->by_y * sqrt(sum);
-  m->refreshed++, m->rate = 0.1, m->usual = INFINITY;
+  m->refreshed++, m->age = 0, m->rate = 0.1, m->usual = INFINITY;
   m->band = narrow_order(m->lu, size, m->order, m->order + size);
   if (is_narrow(size, m->band))
     return narrow_factors(m->lu, size, m->order, m->band, m->narrow, m->pivot);
@@ -195,7 +199,7 @@ static int lost(const Tables *t, Alpha *m) {
 static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, Int exact) {
   const State *x = &m->next;
   const Told told = {to->position, to->velocity, to->feed};
-  Int fresh = m->stale;
+  Int fresh = m->stale, taken = m->stale;
   predict(t, m, to, exact ? &m->now : &m->last);
   if (m->stale && !refresh(t, memory, m, to->scale, exact)) return lost(t, m);
   for (Int i = 0; i < m->most; i++) {
@@ -213,9 +217,10 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
       m->reference = fmax(level, fmax(0.9 * m->reference, 1e-3 * m->peak));
       return is_near(t, m) || lost(t, m);
     }
-    if (exact || (i >= 2 && m->rate > 0.3 && (!fresh || i > 4))) {
+    Int slow = exact || (i >= 2 && m->rate > 0.3 && (!fresh || i > 4));
+    if (slow && (!m->allowed || taken < m->allowed)) {
       if (!refresh(t, memory, m, to->scale, exact)) return lost(t, m);
-      fresh = 1;
+      fresh = 1, taken++;
     }
   }
   return is_near(t, m) ? 0 : lost(t, m);
@@ -246,13 +251,26 @@ static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   copy(to->v, x->v, nv), copy(to->a, x->a, nv), copy(to->s, x->s, nv);
   copy(to->lam, x->lam, rows);
   m->last = m->now, m->now = *x, m->next = old;
+  m->age++;
+}
+
+/* A motor that the next state has past its stop, or -1. */
+static Int past_stop(const Alpha *m) {
+  const Stages *st = m->joints;
+  for (Int k = 0; m->low && k < st->motors; k++) {
+    double q = m->next.y[st->motor_q[k]];
+    if (!st->motor_paired[k] && (q < m->low[k] || q > m->high[k])) return k;
+  }
+  return -1;
 }
 
 /* The next state by kept tangents, or else by exact ones; 0 where there is none. */
 static int next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   double reference = m->reference, peak = m->peak;
-  for (Int exact = 0; exact < 2; exact++) {
-    if (reach_next(t, memory, m, to, exact)) return 1;
+  m->stopped = -1;
+  if (m->every && m->age >= m->every) m->stale = 1;
+  for (Int exact = 0; exact < (m->allowed ? 1 : 2) && m->stopped < 0; exact++) {
+    if (reach_next(t, memory, m, to, exact) && (m->stopped = past_stop(m)) < 0) return 1;
     /* What ran away must not loosen the tolerance of what is tried next. */
     m->reference = reference, m->peak = peak, m->stale = 1;
   }

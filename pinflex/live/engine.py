@@ -1,0 +1,103 @@
+"""The equal steps of the coupled level one by one, with motors led or pushed from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.arrays import Array
+from pinflex.integrators.collocation import AlphaScheme, implicit_euler
+from pinflex.integrators.compiled import CompiledAlpha, Stages
+from pinflex.integrators.equal_steps import NEWTON
+from pinflex.integrators.plain_alpha import MAX_ITERATIONS, PlainAlpha, Step
+from pinflex.kernel.stages import AlphaKernel
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a step may cost, and where motors stop.
+
+    Attributes:
+        iterations: Of Newton's method in a step at the most.
+        tangents: New ones in a step at the most; 0: as many as it takes, as `pf.solve`.
+        every: Steps between two tangents at the most; 0: a new one where iterations are slow.
+        stops: Lowest and highest positions of the motors (rad | m), shape (nm,) each.
+    """
+
+    iterations: int = MAX_ITERATIONS
+    tangents: int = 1
+    every: int = 0
+    stops: tuple[Array, Array] | None = None
+
+
+class Engine:
+    """The steps of one mechanism; instant 0 is where one begins, instant 1 where it goes to.
+
+    Attributes:
+        path: Motion of the motors at the two instants, written before a step.
+        torque: What pushes motors that are not led (N m | N), shape (2, nm).
+        scale: Shares of the loads at the two instants, shape (2, forces).
+        found: y, v, a, s, lam, torque and power at the two instants, shapes (2, n).
+        kernel: The compiled steps.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        dynamics: Equations,
+        scheme: AlphaScheme,
+        h: float,
+        led: bool,
+        bounds: Bounds,
+    ) -> None:
+        system, nm = dynamics.system, len(dynamics.system.motors)
+        self.bounds = bounds
+        self.path = MotorPath(np.array([0.0, h]), *np.zeros((3, 2, nm)))
+        self.torque, none = np.zeros((2, nm)), np.zeros(nm)
+        drive = None if led else TorqueDrive(none, none, self.torque, lambda t: self.torque[:1])
+        self.march = PlainAlpha(mechanism, dynamics, self.path, scheme, drive, NEWTON, None)
+        widths = (system.nq, *(system.nv,) * 3, system.closed.n, nm, 2)
+        self.found = tuple(np.zeros((2, n)) for n in widths)
+        self.compiled: CompiledAlpha
+        self.kernel: AlphaKernel
+        self.stages = Stages(self.march.problem, implicit_euler())
+
+    def shares(self, t: float) -> None:
+        """Let loads that vary in time act in the next step as at t (s)."""
+        self.scale[1] = self.stages.compiled.compiled.scale((t,))[0]
+
+    def begin(self, t: float, now: Step, anew: bool) -> None:
+        """Go on from a state at t (s); `anew`: with speeds that let multipliers start quietly."""
+        self.path.t[:] = t, t + self.march.h
+        for column, value in zip(self.found, self._parts(now), strict=False):
+            column[0] = value
+        self.compiled = CompiledAlpha(self.march, self.stages, self.found, 0)
+        self.kernel = self.compiled.kernel
+        self.scale = self.kernel.rows[3]
+        if anew and self.march.dynamics.looped:
+            now = self.march.quiet(now, self.compiled.step(1, now, now), 0)
+        for column, value in zip(self.found, self._parts(now), strict=False):
+            column[:] = value
+        states = self._parts(now)[:5]
+        self.kernel.begin(states, states)
+        b = self.bounds
+        self.kernel.limit(b.tangents, b.every, b.iterations, b.stops)
+        self.take = self.kernel.marcher(1, 1)
+
+    @staticmethod
+    def _parts(x: Step) -> Sequence[Array]:
+        return x.y, x.v, x.a, x.s, x.lam, x.torque
+
+    def state(self) -> Step:
+        """Where the last step ended; its arrays change with the next one."""
+        return Step(*(column[1] for column in self.found[:6]))
+
+    def kept(self) -> Step:
+        """The same, to be kept."""
+        now = self.state()
+        return replace(now, **{key: value.copy() for key, value in vars(now).items()})
