@@ -154,8 +154,9 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
     if (m->usual == INFINITY) m->usual = fmax(ratio, 1e-6); /* below that it is round-off */
     rate = m->rate * fmax(1.0, ratio / m->usual);
   } else if (iteration > 1) {
-    m->rate = rate = fmax(ratio, 1e-3);
+    rate = fmax(ratio, 1e-3);
     m->usual = m->second;
+    if (m->previous > m->noise) m->rate = rate; /* at rest corrections are round-off, and tell nothing */
   }
   *stuck = iteration >= 3 && size > 0.5 * m->previous;
   m->previous = size;
