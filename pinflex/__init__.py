@@ -22,6 +22,7 @@ Where the code is; each package imports only those above it:
     levels        rigid, quasistatic, ked, coupled; where a run starts; linear vibration
     recovery      from states to named quantities: poses, forces, stresses, validity
     solver        one call to a run: level, step or tolerance; going on
+    live          one step at a time: the simulator in the loop, its sensors, C sources, FMU
     advice        which level, links, planes, modes and tolerance a scene needs; error bars
     inversion     motor motions that the flexible robot's platform follows; linear models
     viewer        a result as a page, pictures, films and figures; reads `results` alone
@@ -94,6 +95,8 @@ if TYPE_CHECKING:
         static_equilibrium,
     )
     from pinflex.levels.rigid import inverse_dynamics
+    from pinflex.live.sensors import Encoder, Imu, StrainGauge
+    from pinflex.live.simulator import Simulator
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
@@ -125,9 +128,11 @@ __all__ = [
     "DescriptionError",
     "Design",
     "Effort",
+    "Encoder",
     "Equilibrium",
     "Fit",
     "FrequencyResponse",
+    "Imu",
     "LinearModel",
     "Mechanism",
     "Modes",
@@ -139,7 +144,9 @@ __all__ = [
     "Scatter",
     "SceneError",
     "Sensitivities",
+    "Simulator",
     "SingularityError",
+    "StrainGauge",
     "Study",
     "Travel",
     "UnstableWarning",
@@ -262,6 +269,12 @@ _HOME = {
         "static_equilibrium",
     ),
     "levels.rigid": ("inverse_dynamics",),
+    "live.sensors": (
+        "Encoder",
+        "Imu",
+        "StrainGauge",
+    ),
+    "live.simulator": ("Simulator",),
     "mechanics.mechanism": (
         "Mechanism",
         "load",

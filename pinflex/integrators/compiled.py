@@ -158,9 +158,9 @@ class CompiledAlpha:
             self._found = found
         self.kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
         self._at: Step | None = None  # where its own last step ended
-        self.kernel.at.reference = self._scale(begin)
+        self.kernel.at.reference = self.scale(begin)
 
-    def _scale(self, k: int) -> float:
+    def scale(self, k: int) -> float:
         """Norm of the acceleration at step k; that of what static forces could do, if more."""
         march, d, now = self._march, self._march.dynamics, self._state(k)
         free = march.problem.free

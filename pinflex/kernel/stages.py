@@ -291,8 +291,9 @@ class AlphaKernel:
             law=None if law is None else law.address,
             **self._integers.addresses, mass=given.mass, by_v=given.by_v,
             by_y=given.by_y, tolerance=given.tolerance, farthest=given.farthest, rate=1.0,
-            usual=np.inf, **{name: where[name] for name in _ROOM},
+            usual=np.inf, stopped=-1, **{name: where[name] for name in _ROOM},
         )  # fmt: skip
+        self._fresh = bytes(self.at)
 
     def begin(self, now: Sequence[Array], last: Sequence[Array]) -> None:
         """Go on from a state, with a new tangent."""
@@ -324,6 +325,10 @@ class AlphaKernel:
 
         return march
 
+    def forget(self) -> None:
+        """Scales and counts as of a run that has not begun."""
+        ctypes.memmove(ctypes.addressof(self.at), self._fresh, len(self._fresh))
+
     def kept(self) -> tuple[bytes, ...]:
         """All that the steps go on with: state, factors, scales and counts."""
         blocks = (block.raw.tobytes() for block in (self._numbers, self._integers))
@@ -348,3 +353,4 @@ class AlphaKernel:
             self._stops = Block({}, dict(zip(names, stops, strict=True)))
             for name in names:
                 setattr(self.at, name, self._stops.addresses[name])
+        self._fresh = bytes(self.at)

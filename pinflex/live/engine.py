@@ -63,8 +63,8 @@ class Engine:
         self.march = PlainAlpha(mechanism, dynamics, self.path, scheme, drive, NEWTON, None)
         widths = (system.nq, *(system.nv,) * 3, system.closed.n, nm, 2)
         self.found = tuple(np.zeros((2, n)) for n in widths)
-        self.compiled: CompiledAlpha
-        self.kernel: AlphaKernel
+        self._compiled: CompiledAlpha | None = None
+        self.kernel: AlphaKernel  # from the first start on
         self.stages = Stages(self.march.problem, implicit_euler())
 
     def shares(self, t: float) -> None:
@@ -75,19 +75,23 @@ class Engine:
         """Go on from a state at t (s); `anew`: with speeds that let multipliers start quietly."""
         self.path.t[:] = t, t + self.march.h
         for column, value in zip(self.found, self._parts(now), strict=False):
-            column[0] = value
-        self.compiled = CompiledAlpha(self.march, self.stages, self.found, 0)
-        self.kernel = self.compiled.kernel
-        self.scale = self.kernel.rows[3]
+            column[:] = value
+        if self._compiled is None:
+            self._compiled = CompiledAlpha(self.march, self.stages, self.found, 0)
+            kernel, b = self._compiled.kernel, self.bounds
+            kernel.limit(b.tangents, b.every, b.iterations, b.stops)
+            self.kernel, self.scale, self.take = kernel, kernel.rows[3], kernel.marcher(1, 1)
+        kernel = self.kernel
+        kernel.forget()
+        kernel.at.reference = self._compiled.scale(0)
         if anew and self.march.dynamics.looped:
-            now = self.march.quiet(now, self.compiled.step(1, now, now), 0)
+            kernel.at.allowed = 0  # the steps of a start are not those of the loop
+            now = self.march.quiet(now, self._compiled.step(1, now, now), 0)
+            kernel.at.allowed, kernel.at.age = self.bounds.tangents, 0
         for column, value in zip(self.found, self._parts(now), strict=False):
             column[:] = value
         states = self._parts(now)[:5]
-        self.kernel.begin(states, states)
-        b = self.bounds
-        self.kernel.limit(b.tangents, b.every, b.iterations, b.stops)
-        self.take = self.kernel.marcher(1, 1)
+        kernel.begin(states, states)
 
     @staticmethod
     def _parts(x: Step) -> Sequence[Array]:

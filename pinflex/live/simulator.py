@@ -108,29 +108,38 @@ class Simulator:
 
     @public
     def reset(
-        self, pose: Mapping[str, float] | None = None, start: str | object = "auto"
+        self,
+        pose: Mapping[str, float] | None = None,
+        start: object = None,
+        motion: Motion | None = None,
     ) -> Simulator:
-        """Go to a pose at rest, at time 0; a record ends.
+        """Go to a pose at rest, or to where a motion begins, at time 0; a record ends.
 
         Args:
             pose: Position by motor [rad | m]; motors that are left out stand at home.
-            start: As of `pf.solve`: auto, static or straight, a run of level coupled, or (y, v).
+            start: As of `pf.solve`: auto, static or straight, a run of level coupled, or (y, v);
+                default: that of the YAML.
+            motion: Instead of a pose: begin as `pf.solve` begins with this motion.
         Raises:
             DescriptionError, SceneError: No such pose, or no equilibrium there.
         """
-        scene = self._scene(pose, start)
+        scene = self._scene(pose, start, motion)
         found = scene._start
         engine = self._engine(True)
-        at = self._axes.read(found.y)
-        engine.path.position[:], engine.path.velocity[:] = at, found.v[self._motors]
-        engine.path.acceleration[:] = 0.0
+        path = motor_path(self.mechanism, scene.motion, np.array([0.0, self.dt]))
+        for name in ("position", "velocity", "acceleration"):
+            getattr(engine.path, name)[...] = getattr(path, name)
         engine.begin(0.0, engine.march.first(found.y, found.v, 0), True)
         self._steps, self._at, self._log = 0, engine, None
         self.start = found.kind
         return self
 
-    def _scene(self, pose: Mapping[str, float] | None, start: str | object) -> Scene:
+    def _scene(
+        self, pose: Mapping[str, float] | None, start: object, motion: Motion | None
+    ) -> Scene:
         given = dict(pose or {})
+        if motion is not None and pose is not None:
+            raise DescriptionError(f"{self.mechanism.name}: reset: pose and motion: give one.")
         names = self.mechanism.motors
         for name, value in given.items():
             if name not in names:
@@ -142,7 +151,6 @@ class Simulator:
                     f"{self.mechanism.name}: pose: {name}: {value}. Give a finite position in rad "
                     "or m."
                 )
-        motion = hold(duration=1.0)
         if given:
             home = dict(zip(names, self._axes.read(self.mechanism.home), strict=True))
             text = {
@@ -150,7 +158,9 @@ class Simulator:
                 for name, x in (home | given).items()
             }
             motion = formula(joints=text, duration=1.0, absolute=True)
-        return Scene(self.mechanism, motion, replace(self._spec, start=start))
+        begun = hold(duration=1.0) if motion is None else motion
+        spec = self._spec if start is None else replace(self._spec, start=start)
+        return Scene(self.mechanism, begun, spec)
 
     def _engine(self, led: bool) -> Engine:
         if led not in self._engines:
@@ -184,26 +194,34 @@ class Simulator:
                 f"{self.mechanism.name}: step: give torque= or motion=, one of them."
             )
         told = self._numbers("torque", torque) if torque is not None else self._led(motion, t)
-        engine = self._switched(torque is None)
+        before = self._before(torque is None)
+        engine = self._switched(torque is None, told)
         if torque is not None:
             engine.torque[1] = told
         else:
             engine.path.position[1], engine.path.velocity[1], engine.path.acceleration[1] = told
         if self._timed:
             engine.shares(t)
-        before = self.snapshot() if self._system.closed.contacts else None
-        if not engine.take():
-            raise self._stuck(engine, t)
-        if before is not None:
-            try:
+        try:
+            if not engine.take():
+                raise self._stuck(engine, t)
+            if self._system.closed.contacts:
                 self._dynamics.require_on_beams(engine.found[0][1], self.mechanism.name, t)
-            except MotionError:
+        except SceneError:
+            if before is not None:
+                log = self._log
                 self.restore(before)
-                raise
+                self._log = log
+            raise
         self._steps += 1
         if self._log is not None:
             self._log.keep(self._steps, self.time, engine.found)
         return self
+
+    def _before(self, led: bool) -> Snapshot | None:
+        """What to go back to where the compiled step alone does not stay where it was."""
+        switches = self._at is not self._engines.get(led)
+        return self.snapshot() if switches or self._system.closed.contacts else None
 
     def _numbers(self, what: str, given: Numbers) -> Array:
         """As many finite numbers as there are motors."""
@@ -238,16 +256,22 @@ class Simulator:
         names = ("position", "velocity", "acceleration")
         return [self._numbers(f"motion: {n}", x) for n, x in zip(names, motion, strict=True)]
 
-    def _switched(self, led: bool) -> Engine:
-        """The steps with motors led or pushed, going on from where the simulator is."""
+    def _switched(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
+        """The steps with motors led or pushed, going on from where the simulator is.
+
+        What begins to push acts at once: accelerations and multipliers jump there.
+        """
         engine = self._engine(led)
-        if engine is not self._at:
-            now = self._at.kept()
-            at = self._axes.read(now.y), now.v[self._motors], now.a[self._motors]
-            engine.path.position[:], engine.path.velocity[:], engine.path.acceleration[:] = at
-            engine.torque[:] = now.torque
-            engine.begin(self.time, now, False)
-            self._at = engine
+        if engine is self._at:
+            return engine
+        now = self._at.kept()
+        at = self._axes.read(now.y), now.v[self._motors], now.a[self._motors]
+        engine.path.position[:], engine.path.velocity[:], engine.path.acceleration[:] = at
+        if not led:
+            engine.torque[:] = torque
+            now = engine.march.first(now.y, now.v, 0)
+        engine.begin(self.time, now, not led)
+        self._at = engine
         return engine
 
     def _stuck(self, engine: Engine, t: float) -> SceneError:
@@ -373,7 +397,7 @@ class Simulator:
             raise DescriptionError(
                 f"{self.mechanism.name}: restore: not a snapshot of this simulator."
             )
-        engine = self._switched(snapshot.led)
+        engine = self._at = self._engine(snapshot.led)
         engine.kernel.go_back(snapshot.state)
         self._steps, self._log = snapshot.steps, None
         return self
