@@ -17,6 +17,7 @@ from pinflex.text import number, paragraph, table
 from pinflex.writing import plain, writable, write_text
 
 if TYPE_CHECKING:
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.studies.bench import Bench, Point
 
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
@@ -30,14 +31,23 @@ def add(commands: parser.Commands) -> None:
         "time against error on a scene",
         """
 Solves the scene by every level, by more and fewer internal modes, by several integrators and steps,
-and compares time and error with a converged solution that it refines until two runs agree.""",
-        "pinflex bench 3rrs -o out",
+and compares time and error with a converged solution that it refines until two runs agree.
+With --worst it takes single steps of the robot in the loop (pf.Simulator) along its motion and
+back, and tells what they cost: median, rare ones and the largest, in thread CPU time.""",
+        "pinflex bench 3rrs -o out\n  pinflex bench ur5 --worst --dt 2.5e-4",
         model=False,
     )
     p.add_argument("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name")
     parser.repeated(p, "--set", "KEY=VALUE", "change the YAML; may be repeated")
     p.add_argument("-o", "--output", metavar="DIR", help="write table, numbers and figure there")
     parser.verbose(p)
+    p.add_argument("--worst", action="store_true", help="the cost of single steps in the loop")
+    p.add_argument(
+        "--steps", type=int, metavar="N", help="number of steps of --worst (default: 1000000)"
+    )
+    p.add_argument(
+        "--dt", type=parser.positive, metavar="S", help="step of --worst in s (default: 1e-3)"
+    )
     p.add_argument("--race", nargs="?", const="", help=argparse.SUPPRESS)
 
 
@@ -52,7 +62,11 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.model is None:
         raise DescriptionError("bench: no model. Name one.")
+    if not args.worst and (args.steps is not None or args.dt is not None):
+        raise DescriptionError("bench: --steps and --dt are those of --worst. Add it.")
     mechanism = load_model(args)
+    if args.worst:
+        return _worst(mechanism, args)
     folder = None if args.output is None else Path(args.output)
     if folder is not None:
         writable(folder / "bench.png")
@@ -66,6 +80,28 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(write(study, args.verbose), end="")
         print("".join(f"wrote {path}\n" for path in files), end="")
+    return 0
+
+
+def _worst(mechanism: Mechanism, args: argparse.Namespace) -> int:
+    """Print what single steps cost."""
+    from pinflex.live.cost import step_cost
+
+    steps = 1_000_000 if args.steps is None else args.steps
+    found = step_cost(mechanism, steps, 1e-3 if args.dt is None else args.dt)
+    if args.json:
+        print_json(plain(asdict(found)))
+        return 0
+    rows = [[f"{share:g} %", number(1e6 * x)] for share, x in found.percentiles.items()]
+    rows += [["largest", number(1e6 * found.largest)]]
+    rows += [["largest of an empty call", number(1e6 * found.empty)]]
+    title = f"{found.name}: {found.steps} steps of {found.dt:g} s, thread CPU time"
+    mean, most = found.iterations
+    told = (
+        f"Newton iterations of a step: {mean:.1f}, {most} at the most; {found.tangents[0]} new "
+        f"tangents, {found.tangents[1]} of a step at the most."
+    )
+    print(table(title, "share of the steps|us", rows, (24,)), paragraph(told), sep="\n\n")
     return 0
 
 

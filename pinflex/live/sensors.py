@@ -146,7 +146,8 @@ class _Imu:
         self._gravity = np.array(mechanism.description.gravity, dtype=float)
 
     def read(self, compiled: Compiled, state: Sequence[Array]) -> Array:
-        poses, rates = compiled.motions(*state, [self._place.joint])
+        Y, V, A = state
+        poses, rates = compiled.motions(Y, V, A, [self._place.joint])
         _, turn, v, a = motion_of(poses[0], rates[0], self._place.placement)
         R = turn[0]
         return np.concatenate([R.T @ (a[0, :3] - self._gravity), R.T @ v[0, 3:]])

@@ -45,10 +45,10 @@ class Simulator:
         while arm.time < 1.0:
             arm.step(torque=controller(arm.motors.position))
 
-    Steps are those of `pf.solve(dt=)`. Each is one call of compiled code that allocates nothing, of
-    `iterations` Newton iterations and `tangents` tangents at the most: one that would need more
-    raises, and the simulator stays where it was. A control or a drive of the YAML does not act: what
-    moves the motors comes from outside.
+    Steps are those of `pf.solve(dt=)`. Each is one call of compiled code that allocates nothing,
+    of `iterations` Newton iterations and `tangents` tangents at the most: one that would need more
+    raises, and the simulator stays where it was. A control or a drive of the YAML does not act:
+    what moves the motors comes from outside.
 
     Source: Arnold and Bruels (2007), the generalized alpha method of Lie groups and constraints.
 
@@ -86,10 +86,8 @@ class Simulator:
         self.dt, self._system = float(dt), mechanism.loose
         self._dynamics = Equations(self._system, marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:
-            raise DescriptionError(
-                f"{where}: steps are compiled, and this model has {evaluated_by(self._system, True)}. "
-                "Use pf.solve."
-            )
+            by = evaluated_by(self._system, True)
+            raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
         self._compiled = self._dynamics.compiled
         self._axes, self._motors = motor_axes(mechanism), self._system.motors
         self._spec = replace(
@@ -300,12 +298,12 @@ class Simulator:
     @property
     def y(self) -> Array:
         """Coordinates of joints and links, shape (nq,)."""
-        return self._at.found[0][1].copy()
+        return np.array(self._at.found[0][1])
 
     @property
     def v(self) -> Array:
         """Their rates, shape (nv,)."""
-        return self._at.found[1][1].copy()
+        return np.array(self._at.found[1][1])
 
     @property
     def motors(self) -> Motors:
@@ -337,8 +335,8 @@ class Simulator:
             DescriptionError: No such frame.
         """
         place = self.mechanism.frame(name)
-        state = (column[1:] for column in self._at.found[:3])
-        poses, rates = self._compiled.motions(*state, [place.joint])
+        y, v, a = (column[1:] for column in self._at.found[:3])
+        poses, rates = self._compiled.motions(y, v, a, [place.joint])
         position, rotation, v, a = motion_of(poses[0], rates[0], place.placement)
         return FrameNow(position[0], rotation[0], v[0], a[0])
 

@@ -159,10 +159,13 @@ def test_a_motor_stops_at_its_limit() -> None:
     v[0] = 2.0
     live.reset(pose={robot.motors[0]: 6.2})
     q[0] = 6.2
+
+    def turn() -> None:
+        for k in range(1, 101):
+            live.step(motion=(q + k * live.dt * v, v, 0 * v))
+
     with pytest.raises(pf.MotionError, match=f"{robot.motors[0]} would pass its stop") as error:
-        for _ in range(100):
-            q = q + live.dt * v
-            live.step(motion=(q, v, 0 * v))
+        turn()
     last = live.motors.position[0]
     assert last <= 2 * np.pi < last + 2.0 * live.dt + 1e-12
     assert error.value.data["time"] == pytest.approx(live.time + live.dt)
