@@ -95,6 +95,7 @@ if TYPE_CHECKING:
         static_equilibrium,
     )
     from pinflex.levels.rigid import inverse_dynamics
+    from pinflex.live.export import export_c, export_fmu
     from pinflex.live.sensors import Encoder, Imu, StrainGauge
     from pinflex.live.simulator import Simulator
     from pinflex.mechanics.mechanism import Mechanism, load
@@ -162,6 +163,8 @@ __all__ = [
     "cycloid",
     "design",
     "digital_pid",
+    "export_c",
+    "export_fmu",
     "fit",
     "formula",
     "frequency_response",
@@ -269,6 +272,10 @@ _HOME = {
         "static_equilibrium",
     ),
     "levels.rigid": ("inverse_dynamics",),
+    "live.export": (
+        "export_c",
+        "export_fmu",
+    ),
     "live.sensors": (
         "Encoder",
         "Imu",

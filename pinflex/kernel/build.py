@@ -80,15 +80,15 @@ def compile_all(folder: Path, target: str | None = None) -> list[Path]:
     if target not in TARGETS:
         raise RuntimeError(f"no build for {target}. Known: {', '.join(TARGETS)}")
     said = []
-    for compiler in _compilers(target):
+    for compiler in compilers(target):
         try:
             return [_compile(compiler, folder, target, *one) for one in BUILDS[_machine(target)]]
         except (OSError, subprocess.SubprocessError) as error:
-            said.append(f"{compiler[0]}: {_in_short(error)}")
+            said.append(f"{compiler[0]}: {in_short(error)}")
     raise RuntimeError("; ".join(said) or "no compiler: pip install ziglang")
 
 
-def _in_short(error: Exception) -> str:
+def in_short(error: Exception) -> str:
     """The first line of a compiler's complaint that says error."""
     lines = str(getattr(error, "stderr", None) or error).splitlines()
     return next((line for line in lines if "error" in line), "".join(lines[:1]))[:300]
@@ -98,21 +98,22 @@ def _machine(target: str) -> str:
     return target.rpartition("-")[2]
 
 
-def _compilers(target: str) -> list[list[str]]:
+def compilers(target: str) -> list[list[str]]:
     """Commands to try, in order; compilers of the machine only for itself."""
     chosen = shutil.which(os.environ.get("CC", "")) if target == here() else None
     found = [[chosen]] if chosen else []
-    if _has_zig():
-        found.append([sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target][0]])
+    found += zig(TARGETS[target][0])
     if target == here():
         found += [[path] for name in ("clang", "gcc", "cc") if (path := shutil.which(name))]
     return found
 
 
-def _has_zig() -> bool:
+def zig(target: str) -> list[list[str]]:
+    """The command of zig for what it calls a target, where it is there."""
     from importlib.util import find_spec
 
-    return find_spec("ziglang") is not None
+    there = find_spec("ziglang") is not None
+    return [[sys.executable, "-m", "ziglang", "cc", "-target", target]] if there else []
 
 
 def _compile(

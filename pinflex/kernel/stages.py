@@ -116,6 +116,7 @@ class StageKernel:
         y0, v0: Start. a, turn: Unknowns, shape (s, nv). y, v, move: What follows from them.
         kp, kd: Gains of driven motors.
         held: Generalised forces of a digital controller, (nv,), where one acts (`take_hold`).
+        lists: How its rows move, and the gains, by name.
         counts: Sizes by name. functions: The C code. tables, work, address: Of the system, its
             workspace, and the C structure of the stages. size: Of all arrays in bytes.
     """
@@ -153,6 +154,8 @@ class StageKernel:
             bodies=len(rows.body_v),
             **pointers,
         )  # fmt: skip
+        self.lists = {k: x for k, x in integers.arrays.items() if k != "pivot"}
+        self.lists |= {k: arrays[k] for k in ("kp", "kd")}
         self.y0, self.v0, self.a, self.turn = (arrays[name] for name in ("y0", "v0", "a", "turn"))
         self.y, self.v, self.move = (arrays[name] for name in ("y", "v", "move"))
         self.kp, self.kd, self.held = arrays["kp"], arrays["kd"], arrays["held"]
@@ -160,6 +163,10 @@ class StageKernel:
         self.counts = {**n, "s": s, "free": free, "motors": motors}
         self.functions, self.work = evaluator.functions, evaluator.work
         self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
+
+    def field(self, name: str) -> int:
+        """A number of the C structure."""
+        return int(getattr(self._structure, name))
 
     def take_hold(self, acts: bool) -> None:
         """Let a digital controller act, with no force at first, or none."""

@@ -49,54 +49,54 @@ class Tables:
     """Checked tables of one system; the C code may read every entry that they point to.
 
     Attributes:
-        counts: Sizes by name. address: Of the C structure.
+        counts: Sizes by name. arrays: By name. address: Of the C structure.
     """
 
     def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
         self.counts = {name: int(counts[name]) for name in COUNTS}
         sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
-        self._arrays: dict[str, npt.NDArray[Any]] = {}
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
         for group, dtype in ((INTEGERS, np.int64), (NUMBERS, np.float64)):
             for name, shape in group.items():
                 array = np.ascontiguousarray(arrays[name], dtype=dtype)
-                self._arrays[name] = array
+                self.arrays[name] = array
                 wanted = math.prod(self._size(part, sizes) for part in shape)
                 if array.size != wanted:
                     raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
         self._check_indices(sizes)
-        pointers = {name: array.ctypes.data for name, array in self._arrays.items()}
+        pointers = {name: array.ctypes.data for name, array in self.arrays.items()}
         self._structure = _Tables(**self.counts, **pointers)
         self.address = ctypes.addressof(self._structure)
 
     def __reduce__(self) -> tuple[type[Tables], tuple[Any, ...]]:
         """Addresses do not travel to another process: it makes its own."""
-        return Tables, (self.counts, self._arrays)
+        return Tables, (self.counts, self.arrays)
 
     def _size(self, part: str | int, sizes: Mapping[str, int]) -> int:
         if isinstance(part, int):
             return part
         if part.startswith("*"):
-            return int(self._arrays[part[1:]][-1])
+            return int(self.arrays[part[1:]][-1])
         return sizes[part[:-2]] + 1 if part.endswith("+1") else sizes[part]
 
     def _check_indices(self, sizes: Mapping[str, int]) -> None:
         """Every index within what it points into; parents before children."""
         for name, into in _INTO.items():
-            array = self._arrays[name]
+            array = self.arrays[name]
             limit = sizes[into] if isinstance(into, str) else into
             top = array
             if name == "bent_first":
-                top = array + self._arrays["bent_n"] - 1
+                top = array + self.arrays["bent_n"] - 1
             elif name in _AHEAD:
-                top = array + np.array(_AHEAD[name])[self._arrays["kind"]] - 1
+                top = array + np.array(_AHEAD[name])[self.arrays["kind"]] - 1
             elif name in ("point_q", "point_v"):
                 top = array + 2
             if np.any(array < (-1 if name in _BASE else 0)) or np.any(top >= limit):
                 raise PinflexError(f"kernel: {name}: an index outside 0 ... {limit - 1}.")
-        if np.any(self._arrays["parent"] >= np.arange(sizes["nodes"])):
+        if np.any(self.arrays["parent"] >= np.arange(sizes["nodes"])):
             raise PinflexError("kernel: parent: a node before its parent.")
         self._check_blocks()
-        bent = (self._arrays[f"bent_{part}"] for part in ("n", "directions", "point", "at"))
+        bent = (self.arrays[f"bent_{part}"] for part in ("n", "directions", "point", "at"))
         n, directions, points, at = bent
         if np.any(n * directions * np.diff(points) != np.diff(at)):
             raise PinflexError("kernel: bent_at: rows that do not fit their points.")
@@ -104,13 +104,13 @@ class Tables:
         self._check_squares(sizes)
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):
-                array = self._arrays[name]
+                array = self.arrays[name]
                 if array[0] != 0 or np.any(np.diff(array) < 0):
                     raise PinflexError(f"kernel: {name}: rows that overlap.")
 
     def _check_blocks(self) -> None:
         """Each joint depends on one block, and finds those of the joints before it on its path."""
-        a, sizes = self._arrays, np.diff(self._arrays["block_at"])
+        a, sizes = self.arrays, np.diff(self.arrays["block_at"])
         of, above, depth = (a[f"block_{name}"] for name in ("of", "above", "depth"))
         top = np.append(depth + sizes, 0)  # where a path that ends in a block ends; -1: at the base
         node, elastic = a["node_block"], self.counts["nv_rigid"]
@@ -137,7 +137,7 @@ class Tables:
 
     def _check_sleeves(self, sizes: Mapping[str, int]) -> None:
         """Each on a stretch at least, within its coordinates, and with no more rows than fit."""
-        a = self._arrays
+        a = self.arrays
         ends = a["stretch_eta"] + a["track_n"][a["stretch_track"]]
         pieces, entries = np.diff(a["piece_at"]), np.diff(a["entry_at"])
         number = np.repeat(a["track_n"], entries)
@@ -155,7 +155,7 @@ class Tables:
 
     def _check_squares(self, sizes: Mapping[str, int]) -> None:
         """Each within the coordinates, and sums of squares that there are."""
-        a, count = self._arrays, self.counts["squares"]
+        a, count = self.arrays, self.counts["squares"]
         summed = np.diff(a["sum_at"])
         sound = (
             np.all(a["square_eta"] >= 0)

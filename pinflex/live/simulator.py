@@ -122,8 +122,8 @@ class Simulator:
             DescriptionError, SceneError: No such pose, or no equilibrium there.
         """
         scene = self._scene(pose, start, motion)
-        found = scene._start
-        engine = self._engine(True)
+        found = scene.start
+        engine = self._made(True)
         path = motor_path(self.mechanism, scene.motion, np.array([0.0, self.dt]))
         for name in ("position", "velocity", "acceleration"):
             getattr(engine.path, name)[...] = getattr(path, name)
@@ -160,9 +160,9 @@ class Simulator:
         spec = self._spec if start is None else replace(self._spec, start=start)
         return Scene(self.mechanism, begun, spec)
 
-    def _engine(self, led: bool) -> Engine:
+    def _made(self, led: bool) -> Engine:
         if led not in self._engines:
-            scheme = Scene(self.mechanism, hold(duration=1.0), self._spec)._scheme
+            scheme = Scene(self.mechanism, hold(duration=1.0), self._spec).alpha_scheme
             given = self.mechanism, self._dynamics, scheme, self.dt, led, self._bounds
             self._engines[led] = Engine(*given)
         return self._engines[led]
@@ -193,7 +193,7 @@ class Simulator:
             )
         told = self._numbers("torque", torque) if torque is not None else self._led(motion, t)
         before = self._before(torque is None)
-        engine = self._switched(torque is None, told)
+        engine = self.engine(torque is None, told)
         if torque is not None:
             engine.torque[1] = told
         else:
@@ -202,7 +202,7 @@ class Simulator:
             engine.shares(t)
         try:
             if not engine.take():
-                raise self._stuck(engine, t)
+                raise self.stuck(engine, t)
             if self._system.closed.contacts:
                 self._dynamics.require_on_beams(engine.found[0][1], self.mechanism.name, t)
         except SceneError:
@@ -254,12 +254,12 @@ class Simulator:
         names = ("position", "velocity", "acceleration")
         return [self._numbers(f"motion: {n}", x) for n, x in zip(names, motion, strict=True)]
 
-    def _switched(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
-        """The steps with motors led or pushed, going on from where the simulator is.
+    def engine(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
+        """Its steps with motors led or pushed, going on from where the simulator is.
 
         What begins to push acts at once: accelerations and multipliers jump there.
         """
-        engine = self._engine(led)
+        engine = self._made(led)
         if engine is self._at:
             return engine
         now = self._at.kept()
@@ -272,7 +272,7 @@ class Simulator:
         self._at = engine
         return engine
 
-    def _stuck(self, engine: Engine, t: float) -> SceneError:
+    def stuck(self, engine: Engine, t: float) -> SceneError:
         """Why a step was not taken, in a sentence."""
         where, stopped = f"{self.mechanism.name}: t = {t:.6g} s", int(engine.kernel.at.stopped)
         if stopped >= 0 and self._bounds.stops is not None:
@@ -395,7 +395,7 @@ class Simulator:
             raise DescriptionError(
                 f"{self.mechanism.name}: restore: not a snapshot of this simulator."
             )
-        engine = self._at = self._engine(snapshot.led)
+        engine = self._at = self._made(snapshot.led)
         engine.kernel.go_back(snapshot.state)
         self._steps, self._log = snapshot.steps, None
         return self

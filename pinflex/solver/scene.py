@@ -238,7 +238,7 @@ class Scene:
         if self.control is not None:
             keys["feedback"] = place(self.mechanism, self.control, prescribed=drive is None)
         if self.before is None:
-            start = self._start
+            start = self.start
         else:
             begun = str(self.before.settings.get("start", "straight"))
             start = Start(self.before.y[-1], self.before.v[-1], begun)
@@ -247,7 +247,7 @@ class Scene:
         dynamics = Equations(self._system, marched=True)
         try:
             run = coupled.integrate(
-                self.mechanism, dynamics, (start.y, start.v), path, self._scheme, drive,
+                self.mechanism, dynamics, (start.y, start.v), path, self.alpha_scheme, drive,
                 progress=progress, **keys,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
@@ -393,7 +393,7 @@ class Scene:
         self, t: Array, march: Callable[[Problem], Run], dynamics: Equations | None = None
     ) -> Run:
         """The run of a problem up to the last sample, with what its start and control tell."""
-        start, problem = self._start, self._problem(t, dynamics or self.equations())
+        start, problem = self.start, self._problem(t, dynamics or self.equations())
         try:
             run = march(problem)
         except (SceneError, RunInterrupted) as stop:
@@ -428,7 +428,7 @@ class Scene:
 
     @property
     def _begun(self) -> tuple[Array, Array]:
-        return self._start.y, self._start.v
+        return self.start.y, self.start.v
 
     @property
     def _loads(self) -> Loads:
@@ -461,7 +461,8 @@ class Scene:
         return self.spec.level == "ked"
 
     @property
-    def _scheme(self) -> AlphaScheme:
+    def alpha_scheme(self) -> AlphaScheme:
+        """The integrator of equal steps."""
         if isinstance(self.spec.method, AlphaScheme):
             return replace(self.spec.method, name=self.spec.by_steps)
         rho = 0.8 if self.spec.rho_inf is None else self.spec.rho_inf
@@ -475,7 +476,7 @@ class Scene:
         return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
 
     @cached_property
-    def _start(self) -> Start:
+    def start((self) -> Start:
         """Found once, however often the scene is run, and kept with its mechanism."""
         if not isinstance(self.spec.start, str):
             return self._found_start()

@@ -12,7 +12,9 @@
 #include "lanes.h"
 
 
+#ifndef EXPORT /* sources within another library hide them */
 #define EXPORT __attribute__((visibility("default")))
+#endif
 
 /* Kinds of nodes. A circle is a revolute joint whose coordinates are cosine and sine; velocities of
    free and planar joints are those of the body in its own axes, as Pinocchio has them. */

@@ -213,7 +213,7 @@ def same_start(given: Scene) -> None:
     """Accelerations, multipliers and torques at a random speed."""
     t = np.linspace(0.0, 0.1, 3)
     problem = given._problem(t, Equations(given._system, marched=True))
-    y = given._start.y
+    y = given.start.y
     v = 0.1 * np.random.default_rng(0).normal(size=given._system.nv)
     begun = March("", Radau(problem, radau(6)), (y, v), (0.0, 0.1), {}, 1e-4, (8, 9))
     assert begun._kernel.begin()

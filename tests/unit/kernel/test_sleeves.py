@@ -188,7 +188,7 @@ def test_a_compiled_march_stops_where_a_sleeve_leaves_its_beam(how: dict[str, fl
 def test_shortening_by_squares_of_slopes_is_that_by_products(modes: int) -> None:
     """And is taken where there are many functions: the products are a quarter of them at most."""
     m = robot(f"flexible.beam.basis={{kind: assumed, boundary: free_free, modes: {modes}}}")
-    counts, arrays = m.flexible.tables.counts, m.flexible.tables._arrays
+    counts, arrays = m.flexible.tables.counts, m.flexible.tables.arrays
     rest = int(np.sum(arrays["g_at"][1:] - arrays["g_rest"]))
     work = int(arrays["sum_at"][-1] + arrays["square_at"][-1])
     assert (counts["squares"] > 0) == (modes == 50)
