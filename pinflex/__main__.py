@@ -21,7 +21,7 @@ from pinflex.errors import KernelWarning, PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
     *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
-    *("sweep", "map", "sensitivity", "design", "fit", "bench"),
+    *("sweep", "map", "sensitivity", "design", "fit", "bench", "export"),
     *("view", "verify", "importing", "schema", "completion"),
 )
 _ELSEWHERE = {"import": "importing", "new": "importing"}  # modules of another name

@@ -13,6 +13,7 @@ TITLES = {
     "mechanics": "Load a robot",
     "description": "Motions and controllers",
     "advice": "Solve, and ask which model suffices",
+    "live": "In the loop",
     "results": "Results",
     "levels": "Equilibria and vibration",
     "inversion": "Motor commands and linear models",

@@ -97,6 +97,11 @@ class Engine:
     def _parts(x: Step) -> Sequence[Array]:
         return x.y, x.v, x.a, x.s, x.lam, x.torque
 
+    @property
+    def stopped(self) -> int:
+        """The motor that would have passed its stop in the last step, or -1."""
+        return -1 if self._compiled is None else int(self.kernel.at.stopped)
+
     def state(self) -> Step:
         """Where the last step ended; its arrays change with the next one."""
         return Step(*(column[1] for column in self.found[:6]))

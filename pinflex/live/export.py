@@ -1,4 +1,4 @@
-"""A robot without Python: C sources with its tables, and an FMU of them (FMI 2.0, co-simulation)."""
+"""A robot without Python: C sources with its tables, and an FMU of them (FMI 2.0)."""
 
 from __future__ import annotations
 

@@ -101,5 +101,6 @@ def _variable(reference: int, one: Signal, role: str, start: float | None = None
     begins = "" if start is None else f' start="{start!r}"'
     return (
         f'    <ScalarVariable name={quoteattr(one.name)} valueReference="{reference}"\n'
-        f"      description={quoteattr(one.meaning)} {role}><Real{unit}{begins}/></ScalarVariable>\n"
+        f"      description={quoteattr(one.meaning)} {role}>\n"
+        f"      <Real{unit}{begins}/></ScalarVariable>\n"
     )

@@ -18,7 +18,7 @@ from pinflex.description.motions.motion import Motion, formula, hold
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.plain_alpha import MAX_ITERATIONS
+from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence
 from pinflex.integrators.run import Run
 from pinflex.live.engine import Bounds, Engine
 from pinflex.live.readings import FrameNow, LinkNow, Log, Motors, Snapshot
@@ -265,16 +265,19 @@ class Simulator:
         now = self._at.kept()
         at = self._axes.read(now.y), now.v[self._motors], now.a[self._motors]
         engine.path.position[:], engine.path.velocity[:], engine.path.acceleration[:] = at
-        if not led:
-            engine.torque[:] = torque
-            now = engine.march.first(now.y, now.v, 0)
-        engine.begin(self.time, now, not led)
+        try:
+            if not led:
+                engine.torque[:] = torque
+                now = engine.march.first(now.y, now.v, 0)
+            engine.begin(self.time, now, not led)
+        except (NoConvergence, np.linalg.LinAlgError):
+            raise self.stuck(engine, self.time + self.dt) from None
         self._at = engine
         return engine
 
     def stuck(self, engine: Engine, t: float) -> SceneError:
         """Why a step was not taken, in a sentence."""
-        where, stopped = f"{self.mechanism.name}: t = {t:.6g} s", int(engine.kernel.at.stopped)
+        where, stopped = f"{self.mechanism.name}: t = {t:.6g} s", engine.stopped
         if stopped >= 0 and self._bounds.stops is not None:
             name = self.mechanism.motors[stopped]
             low, high = (float(x[stopped]) for x in self._bounds.stops)

@@ -174,7 +174,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
   if (m->stale && !refresh(t, memory, m, to->scale, exact)) return lost(t, m);
   for (Int i = 0; i < m->most; i++) {
     pinflex_residuals(t, memory, 1, x->y, x->v, x->a, x->lam, to->scale, m->r, m->open);
-    pull(t, m->joints, &told, x->y, x->v, to->torque, m->r);
+    pull(t, m->joints, &told, x->y, x->v, m->x, m->r); /* torques in room that is free now */
     if (m->law) feed_back(t, m->joints, m->law, x->y, x->v, m->r);
     double size = solved(t, m);
     m->iterations++;

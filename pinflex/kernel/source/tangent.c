@@ -298,8 +298,8 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
   w.M = M, w.C = C, w.K = K;
-  for (Int part = 0; part < 3; part++)
-    memset((double *[]){M, C, K}[part], 0, t->nv * t->nv * sizeof(double));
+  double *const parts[3] = {M, C, K};
+  for (Int part = 0; part < 3; part++) memset(parts[part], 0, t->nv * t->nv * sizeof(double));
   begin_paths(t, &w.along);
   point_tangent(t, lanes, &w);
   twist_tangent(t, &w);

@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ pytestmark = [
     pytest.mark.skipif(not build.here().startswith("linux-x86_64"), reason="made for linux64"),
 ]
 MODELS = ("delta", "ur5", "3rrr")
+PUSH = {"delta": 0.5, "ur5": 0.5, "3rrr": 2e-3}  # N m
 
 
 class Slave:
@@ -74,7 +74,7 @@ import pinflex as pf
 from pinflex.recovery.kinematics import motion_of
 from pinflex.rotations import rotation_vector
 from pathlib import Path
-from tests.unit.live.test_export import MODELS, Slave, fmu
+from tests.unit.live.test_export import MODELS, PUSH, Slave, fmu
 
 folder, worst = Path(sys.argv[1]), {}
 for model in MODELS:
@@ -83,15 +83,16 @@ for model in MODELS:
         slave = Slave(file, folder / f"{model}_{inputs}")
         start, links = live.motors, live.mechanism.parts
         off, platform = 0.0, live.mechanism.description.platform
-        for k in range(400):
+        for k in range(200):
             t = 1e-3 * (k + (inputs == "motion"))
             if inputs == "torque":
-                given = start.torque + 0.02 * np.sin(30 * t) * (k > 0)
+                given = start.torque + PUSH[model] * np.sin(30 * t) * (k > 0)
                 live.step(torque=given)
             else:
                 w, n = 12.0, len(start.torque)
-                law = [0.1 * (1 - np.cos(w * t)) ** 2, 0.2 * w * (1 - np.cos(w * t)) * np.sin(w * t),
-                       0.2 * w * w * (np.cos(w * t) - np.cos(2 * w * t))]
+                c, s = np.cos(w * t), np.sin(w * t)
+                law = [0.02 * (1 - c) ** 2, 0.04 * w * (1 - c) * s,
+                       0.04 * w * w * (c - np.cos(2 * w * t))]
                 moves = [np.full(n, x) for x in law]
                 moves[0] += start.position
                 live.step(motion=tuple(moves))
@@ -144,7 +145,8 @@ def test_fmpy_finds_nothing_wrong(tmp_path: Path) -> None:
 
 
 def pd(q: np.ndarray, v: np.ndarray, goal: np.ndarray, hold: np.ndarray) -> np.ndarray:
-    return np.asarray(hold + 300.0 * (goal - q) - 30.0 * v)
+    stiff = np.array([400.0, 400.0, 200.0, 10.0, 10.0, 1.0])  # N m/rad, as the arm carries
+    return np.asarray(hold + stiff * (goal - q) - 0.1 * stiff * v)
 
 
 def test_a_master_closes_the_loop_over_it(tmp_path: Path) -> None:
@@ -168,7 +170,7 @@ def test_a_master_closes_the_loop_over_it(tmp_path: Path) -> None:
         live.step(torque=pd(now.position, now.velocity, goal, start.torque))
     # Other instructions than the simulator's here: round-off, in a loop that forgets it.
     np.testing.assert_allclose(read()[0], live.motors.position, atol=1e-9)
-    # It holds the weight of the start: its pose has another one, which 300 N m/rad give way to.
+    # It holds the weight of the start: its pose has another one, which these springs give way to.
     assert np.abs(read()[0] - goal).max() < 0.03
 
 
@@ -196,13 +198,10 @@ def test_states_come_back_and_damping_counts(tmp_path: Path) -> None:
     for _ in range(50):
         live.step(torque=push)
     want = live.motors.velocity
-    speeds = [
-        np.array([dict(zip(one.outputs, on(one), strict=True))[f"velocity {m}"]
-                  for m in live.mechanism.motors])
-        for one in (twice, once)
-    ]  # fmt: skip
+    told = [dict(zip(one.outputs, on(one), strict=True)) for one in (twice, once)]
+    speeds = [np.array([x[f"velocity {m}"] for m in live.mechanism.motors]) for x in told]
     scale = np.abs(want).max()
-    assert np.abs(speeds[0] - want).max() < 1e-8 * scale < 1e-5 * scale
+    assert np.abs(speeds[0] - want).max() < 1e-8 * scale
     assert np.abs(speeds[1] - want).max() > 1e-6 * scale
 
 
@@ -249,7 +248,8 @@ COUNT = """
 #include <stdio.h>
 #include <stddef.h>
 static long calls;
-void *__libc_malloc(size_t); void *__libc_calloc(size_t, size_t); void *__libc_realloc(void *, size_t);
+void *__libc_malloc(size_t); void *__libc_calloc(size_t, size_t);
+void *__libc_realloc(void *, size_t);
 void *malloc(size_t n) { calls++; return __libc_malloc(n); }
 void *calloc(size_t n, size_t m) { calls++; return __libc_calloc(n, m); }
 void *realloc(void *p, size_t n) { calls++; return __libc_realloc(p, n); }
@@ -258,15 +258,15 @@ __attribute__((destructor)) static void tell(void) { fprintf(stderr, "%ld", call
 
 
 def test_c_sources_make_a_program_that_allocates_nothing_in_a_step(tmp_path: Path) -> None:
-    compiler = next(iter(build.compilers(build.here())), None) or pytest.skip("no compiler")
+    compiler = shutil.which("gcc") or shutil.which("clang") or pytest.skip("no compiler")
     folder = pf.export_c(pf.Simulator("ur5"), tmp_path / "c")
     program, shim = tmp_path / "robot", tmp_path / "count.so"
     (tmp_path / "count.c").write_text(COUNT)
     sources = sorted(str(path) for path in folder.glob("*.c"))
-    flags = ["-std=c11", "-O1", "-DEXPORT=", "-Wno-psabi"]
+    flags = ["-std=c11", "-O0", "-DEXPORT=", "-Wno-psabi"]
     for line in ([*flags, *sources, "-lm", "-o", str(program)],
                  ["-shared", "-fPIC", str(tmp_path / "count.c"), "-o", str(shim)]):  # fmt: skip
-        subprocess.run([*compiler, *line], check=True, capture_output=True)
+        subprocess.run([compiler, *line], check=True, capture_output=True)
     counts, tables = [], []
     for steps in (10, 1010):
         done = subprocess.run(
@@ -279,17 +279,6 @@ def test_c_sources_make_a_program_that_allocates_nothing_in_a_step(tmp_path: Pat
     # It stays where its torques hold it.
     assert len(tables[1]) == 1011
     np.testing.assert_allclose(tables[1][-1, 1:], tables[1][0, 1:], atol=1e-9)
-
-
-def test_another_machine(tmp_path: Path) -> None:
-    """Libraries of Windows and macOS in one file, by their first bytes."""
-    pytest.importorskip("ziglang")
-    live = pf.Simulator("cantilever")
-    file = pf.export_fmu(live, tmp_path / "a.fmu", platforms=("win64", "darwin64"))
-    with zipfile.ZipFile(file) as fmu:
-        found = {name: fmu.read(name)[:4] for name in fmu.namelist() if name.startswith("bin")}
-    assert found["binaries/win64/cantilever.dll"][:2] == b"MZ"
-    assert found["binaries/darwin64/cantilever.dylib"] == b"\xcf\xfa\xed\xfe"  # 64-bit Mach-O
 
 
 def test_what_cannot_be_exported_is_said(tmp_path: Path) -> None:

@@ -129,6 +129,7 @@ BAD = {
     "nothing": ({}, "give torque= or motion="),
     "both": ({"torque": [0, 0, 0], "motion": ([0] * 3,) * 3}, "one of them"),
     "pair": ({"motion": ([0, 0, 0], [0, 0, 0])}, "give .position, velocity, acceleration."),
+    "much": ({"torque": [1e12, 0, 0]}, "t = 0.02 s: (no step of|motor_1 would)"),
     "far": ({"motion": ([9, 9, 9], [0] * 3, [0] * 3)}, "t = 0.02 s: (no step of|motor_1 would)"),
 }
 
