@@ -32,8 +32,8 @@ print("the inertial unit feels", arm.sensor("imu")[:3].round(3), "m/s^2")
 # beginning the loop has a delay of one step, as a digital one has.
 
 # %%
-stiff = np.array([2000.0, 2000.0, 1000.0, 10.0, 10.0, 1.0])  # [N m/rad]
-damped = np.array([200.0, 200.0, 100.0, 1.0, 1.0, 0.1])  # [N m s/rad]
+stiff = np.array([400.0, 400.0, 200.0, 10.0, 10.0, 1.0])  # [N m/rad], as the arm carries
+damped = 0.1 * stiff  # [N m s/rad]
 start = arm.motors.position
 
 
