@@ -476,7 +476,7 @@ class Scene:
         return path_between(self.mechanism, self.motion, float(t[0]), float(t[-1]))
 
     @cached_property
-    def start((self) -> Start:
+    def start(self) -> Start:
         """Found once, however often the scene is run, and kept with its mechanism."""
         if not isinstance(self.spec.start, str):
             return self._found_start()
