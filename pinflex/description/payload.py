@@ -37,6 +37,11 @@ class Payload:
     centre: Vec3 = (0.0, 0.0, 0.0)
     inertia: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
+    def __str__(self) -> str:
+        x, y, z = self.centre
+        away = f", its centre at [{x:g}, {y:g}, {z:g}] m" if any(self.centre) else ""
+        return f"{self.mass:g} kg at {self.frame}{away}"
+
     @property
     def weighs(self) -> bool:
         """Whether there is anything to carry."""

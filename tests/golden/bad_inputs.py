@@ -226,6 +226,19 @@ MOTIONS = """\
 {kind: trapezoid, ramp: 1, joints: {a: 1}}
 {kind: trapezoid, ramp: 1, duration: 1, joints: {a: 1}}
 {kind: trapezoid, ramp: 2, speed: 1, joints: {a: 1}}
+{kind: trapezoid, velocity: 1, joints: {a: 1}}
+{kind: trapezoid, ramp: 1, duration: 3, velocity: 1, joints: {a: 1}}
+{kind: scurve, velocity: 1, acceleration: 1, joints: {a: 1}}
+{kind: scurve, velocity: 1, acceleration: 1, jerk: 0, joints: {a: 1}}
+{kind: scurve, velocity: {b: 1}, acceleration: 1, jerk: 1, joints: {a: 1}}
+{kind: scurve, velocity: 1, acceleration: 1, jerk: 1, joints: {a: 0}}
+{kind: trajectory}
+{kind: trajectory, file: none.csv}
+{kind: trajectory, file: none.txt}
+{kind: trajectory, joint_names: [a], points: 3}
+{kind: trajectory, joint_names: [a], points: [{positions: [1], time_from_start: 0}]}
+{kind: trajectory, joint_names: [a], points: [{positions: [1, 2], time_from_start: 1}]}
+{kind: trajectory, joint_names: [a], points: [{positions: [1], time_from_start: 1}], start: {b: 1}}
 {kind: harmonic, frequency: 0, joints: {a: 1}}
 {kind: circle, center: 3, radius: 1, omega: 1}
 {kind: circle, center: [0, 0], radius: 0, omega: 1}
@@ -280,6 +293,12 @@ damping: {modal: 0.1, scope: system}
 damping: {modal: 0.1, scope: all}
 forces: {push: {at: nowhere}}
 springs: {coil: {between: [crank, crank]}}
+payload: 3
+payload: {at: crank}
+payload: {at: crnk, mass: 1}
+payload: {at: crank, mass: 1, weight: 1}
+payload: {at: crank, mass: 1, inertia: 2}
+payload: {at: crank, mass: 1, from: 0.5}
 added_masses: {water: {at: crank}}
 added_masses: {water: {at: crank, mass: [1, -1, 0]}}
 added_masses: {water: {at: crnk, mass: [1, 1, 0]}}

@@ -104,5 +104,7 @@ def test_what_is_no_payload_is_told(block: str, words: str) -> None:
 def test_a_command_takes_a_payload(capsys: pytest.CaptureFixture[str]) -> None:
     args = build_parser().parse_args(["check", "ur5", "--set", "a=1", "--payload", "500 g@tool0"])
     assert args.set == ["a=1", "payload.at=tool0", "payload.mass=0.5"]
+    assert main(["check", "ur5", "--payload", "5kg@tool0"]) == 0
+    assert "  payload   5 kg at tool0\n" in capsys.readouterr().out
     assert main(["check", "ur5", "--payload", "kg@tool0"]) == 2
     assert "is not of the form MASS@FRAME" in capsys.readouterr().err

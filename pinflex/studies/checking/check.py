@@ -76,6 +76,7 @@ class Check(Worded):
         warnings: Sentences.
         summaries: Modal summary of each solid body, as text.
         by_joint: Links of the frames that the YAML names by their joint.
+        payload: What is carried, and where.
     """
 
     __repr__ = brief
@@ -106,6 +107,7 @@ class Check(Worded):
     urdf_dynamics: str = ""
     unloaded: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
+    payload: str = ""
 
     def text(self) -> str:
         """Everything as aligned plain text of at most 100 columns."""
@@ -158,6 +160,7 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         drives=drive_checks(mechanism),
         urdf_dynamics=doubts.used(description),
         unloaded=unloaded,
+        payload=str(description.payload or ""),
     )
 
 
@@ -315,6 +318,7 @@ def _head(c: Check) -> str:
         "dynamics": c.urdf_dynamics,
         "idle": f"{', '.join(c.idle)}: nothing hangs on it, held at home" if c.idle else "",
         "platform": c.platform or "none named: no deviation can be reported",
+        "payload": c.payload,
         "motion": c.motion,
         "frames": _renamed(c.by_joint),
     }
