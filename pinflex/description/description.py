@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -39,7 +39,6 @@ from pinflex.description.blocks.joints import (
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
 from pinflex.description.loops import Loop, read_loops
-from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.robots import urdf
@@ -48,6 +47,10 @@ from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.rotations import quaternion
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.payload import Payload
+
 
 # The block `home` of a description: a guess of the configuration in Pinocchio's layout.
 
@@ -444,13 +447,22 @@ def _describe(
         forces=read_forces(block.get("forces", {}), place["forces"], tree),
         springs=read_springs(block.get("springs", {}), place["springs"], tree),
         added_masses=read_added_masses(block.get("added_masses", {}), place["added_masses"], tree),
-        payload=read_payload(block.get("payload"), place["payload"], tree),
+        payload=_payload(block.get("payload"), place["payload"], tree),
         home=read_home(block.get("home", {}), place["home"], types),
         by_joint=by_joint(block, tree),
         solve=read_solve(block.get("solve", {}), place["solve"]),
         notes=tree.notes,
         **values,
     )
+
+
+def _payload(value: object, where: str, tree: Source) -> Payload | None:
+    """The block `payload`; most scenes have none, and need no reader of it."""
+    if value is None:
+        return None
+    from pinflex.description.payload import read_payload
+
+    return read_payload(value, where, tree)
 
 
 def _robot(raw: Mapping[str, Any]) -> str:

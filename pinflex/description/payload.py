@@ -63,13 +63,11 @@ class Payload:
 
 
 def read_payload(value: object, where: str, urdf: Source) -> Payload | None:
-    """The block; None where it is empty or weighs nothing.
+    """The block; None where it weighs nothing.
 
     Raises:
         DescriptionError: A payload that comes or goes on the way: masses are constant in a run.
     """
-    if value is None:
-        return None
     block = dict(schema.mapping(value, where))
     for key in _TIMED:
         if key in block:

@@ -18,8 +18,7 @@ from pinflex.description.motions import motion_keys as keys
 from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
-RATES = ("positions", "velocities", "accelerations")
-FIELDS = (*RATES, "effort")
+FIELDS = ("positions", "velocities", "accelerations", "effort")
 _POINT = (*FIELDS, "time_from_start")
 _WRAPPERS = ("trajectory", "joint_trajectory", "goal", "msg")  # of FollowJointTrajectory, MoveIt
 _SECONDS = (("sec", "nanosec"), ("secs", "nsecs"))  # ROS 2, ROS 1

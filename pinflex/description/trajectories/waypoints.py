@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +16,12 @@ from pinflex.description.motions import motion_keys as keys
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.trajectory import Motion
 from pinflex.description.reading.schema import shown
-from pinflex.description.trajectories import messages
-from pinflex.description.trajectories.messages import RATES, Waypoints
 from pinflex.description.trajectories.pieces import Pieces, hermite
 
+if TYPE_CHECKING:
+    from pinflex.description.trajectories.messages import Waypoints
+
+_RATES = ("positions", "velocities", "accelerations")
 _FEW = 64  # waypoints at which steps end; of more those alone at which an acceleration jumps
 _JUMP = 1e-3  # of the largest acceleration: less is round-off of samples
 
@@ -50,6 +52,8 @@ def trajectory(
     Raises:
         DescriptionError: A malformed message or table, with line and field.
     """
+    from pinflex.description.trajectories import messages  # late: most motions are no messages
+
     if (file is None) == (points is None):
         raise keys.bad("trajectory", "give either file, or joint_names and points.")
     if isinstance(file, str | Path):
@@ -83,7 +87,9 @@ def points_of(found: Waypoints) -> list[dict[str, Any]]:
 
 
 def _inline(*path: str | int) -> str:
-    return f"trajectory.{messages.dotted(path)}"
+    from pinflex.description.trajectories.messages import dotted
+
+    return f"trajectory.{dotted(path)}"
 
 
 def _begin(found: Waypoints, start: Any) -> Array:
@@ -104,7 +110,7 @@ def _begin(found: Waypoints, start: Any) -> Array:
 
 def _law(found: Waypoints, begin: Array) -> Pieces:
     """Pieces through the waypoints, from rest where the first is later than 0 s."""
-    t, rows = found.t, [found.values[field] for field in RATES if field in found.values]
+    t, rows = found.t, [found.values[field] for field in _RATES if field in found.values]
     if t[0] > 0.0:
         t = np.concatenate([[0.0], t])
         rest = np.zeros((1, len(begin)))

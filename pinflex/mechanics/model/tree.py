@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -16,10 +17,12 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.description.description import Description
-from pinflex.description.payload import Payload
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.model.system import Springs
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.payload import Payload
 
 
 @dataclass(frozen=True)
