@@ -94,6 +94,11 @@ class Kinks:
         """Whether any gives a speed back at once, by a coefficient of restitution."""
         return any(row.restitution >= 0.0 for row in self.rows)
 
+    @property
+    def pins(self) -> bool:
+        """Whether there are pins with clearance."""
+        return any(row.pin for row in self.rows)
+
     def of_spring(self, spring: int) -> int:
         """The law of a spring between frames, or -1."""
         return next((k for k, row in enumerate(self.rows) if row.spring == spring), -1)

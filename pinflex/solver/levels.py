@@ -10,6 +10,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
+from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.run import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
@@ -22,6 +23,9 @@ from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
 _STICTION = 1e-3  # tolerance of runs that stick, where none is given
+_PASSED_OVER = (
+    "equal steps do not end at contacts, and lose their order there: take `tol` where that matters."
+)
 Level = Callable[[Scene, Array, Progress | None], Run]
 
 
@@ -34,10 +38,13 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
     spec = scene.spec
     _require_one_answer(scene)
     tol = spec.tol
-    if scene.bends:
+    if scene.bends or scene.mechanism.flexible.kinks.rows:
         tol = _to_meet_contacts(scene)
     if tol is not None:
         return solve_to_tolerance(scene, t, tol, progress)
+    if scene.bends:
+        run = scene.stepped(t, spec.dt or default_step(scene.mechanism, float(t[-1])), progress)
+        return replace(run, warnings=(*run.warnings, _PASSED_OVER))
     dt = spec.dt if spec.dt is not None else default_step(scene.mechanism, float(t[-1]))
     try:
         return scene.stepped(t, dt, progress)
@@ -58,13 +65,23 @@ def _to_meet_contacts(scene: Scene) -> float | None:
             f"{where}: level ked is linear, and backlash, stops, tables and cables are not. Take "
             "level coupled."
         )
-    free = spec.tol is not None or spec.dt is None
-    if scene.mechanism.flexible.kinks.rigid and not (free and scene.on_kernel):
+    kinks = scene.mechanism.loose.kinks
+    if (kinks.rigid or kinks.pins) and not _lands(scene):
         raise DescriptionError(
-            f"{where}: a stop with `restitution` is met at an instant, which steps of dt, and runs "
-            "without the compiled kernel, do not end at. Give `tol`, or the stop `stiffness`."
+            f"{where}: stops with `restitution` and pins with `clearance` are met at instants that "
+            "equal steps (`dt`, an integrator by name, a control without `period`, a run without the "
+            "compiled kernel) do not end at. Give `tol` alone (or stops `stiffness`)."
         )
-    return (spec.tol or _STICTION) if free else None
+    return (spec.tol or _STICTION) if spec.tol is not None or _lands(scene) else None
+
+
+def _lands(scene: Scene) -> bool:
+    """Whether steps follow the motion and end at contacts."""
+    spec, method = scene.spec, scene.spec.method
+    collocates = method is None or method == "radau" or isinstance(method, Collocation)
+    continuous = scene.control is not None and not scene.sampled
+    chosen = spec.tol is not None or spec.dt is None
+    return chosen and collocates and not continuous and scene.on_kernel
 
 
 def rigid(scene: Scene, t: Array, progress: Progress | None = None) -> Run:

@@ -448,7 +448,7 @@ class Scene:
     @property
     def bends(self) -> bool:
         """Whether laws of pieces act: steps end where they bend."""
-        return bool(self._system.kinks.rows)
+        return not self.linear and bool(self._system.kinks.rows)
 
     @property
     def sampled(self) -> bool:

@@ -13,6 +13,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.studies.checking.check import check, write
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -162,6 +163,10 @@ def test_a_gear_with_backlash_against_matrix_exponentials(tmp_path: Path) -> Non
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+def test_check_names_what_has_play(tmp_path: Path) -> None:
+    assert "the backlash of link_joint acts at level coupled" in write(check(drive(tmp_path, 0.02)))
+
+
 def test_backlash_vanishes_at_first_order(tmp_path: Path) -> None:
     off, plays = [], (2e-3, 1e-3, 5e-4)
     for play in plays:
@@ -283,9 +288,19 @@ def test_what_makes_no_law_is_refused(joint: str, said: str, tmp_path: Path) -> 
         load(tmp_path, BALL, f"actuated: []\njoints: {{ball_joint: {{{joint}}}}}\n")
 
 
+def test_equal_steps_say_that_they_pass_over_contacts(tmp_path: Path) -> None:
+    """Of first order in the instants of contact: 1e-4 s of speeds of 0.5 rad/s."""
+    m = drive(tmp_path, 0.02)
+    run = pf.solve(m, dt=1e-4, samples=101)
+    assert "do not end at contacts" in run.meta["warnings"][-1]
+    found = run.joint("link_joint").position
+    np.testing.assert_allclose(found, by_pieces(0.02, run.t)[0][:, 0], rtol=0, atol=5e-5)
+
+
 def test_steps_that_do_not_end_at_contacts_are_refused_for_rigid_stops(tmp_path: Path) -> None:
     m = ball(tmp_path, "lower: 0, restitution: 1")
-    with pytest.raises(DescriptionError, match="Give `tol`"):
-        pf.solve(m, pf.hold(duration=0.6), dt=1e-3)
+    for equal in ({"dt": 1e-3}, {"tol": 1e-3, "integrator": "hht"}):
+        with pytest.raises(DescriptionError, match="Give `tol` alone"):
+            pf.solve(m, pf.hold(duration=0.6), **equal)
     with pytest.raises(DescriptionError, match="level ked is linear"):
         pf.solve(m, pf.hold(duration=0.6), level="ked")

@@ -391,7 +391,10 @@ def _drive_table(c: Check) -> str:
         [_drive_row(x) for x in c.drives],
         (24,),
     )
-    said = ["rotors turn about their own axes only (Spong), and there is no backlash"]
+    loose = [x.name for x in c.drives if x.drive is not None and x.drive.backlash]
+    play = f"the backlash of {', '.join(loose)} acts at level coupled" if loose else ""
+    play = play or "there is no backlash"
+    said = [f"rotors turn about their own axes only (Spong), and {play}"]
     speeds = {x.friction.speed for x in c.drives if x.friction is not None and x.friction.dry}
     if speeds:
         shown = ", ".join(f"{v:g}" for v in sorted(speeds))
