@@ -69,8 +69,8 @@ def _to_meet_contacts(scene: Scene) -> float | None:
     if (kinks.rigid or kinks.pins) and not _lands(scene):
         raise DescriptionError(
             f"{where}: stops with `restitution` and pins with `clearance` are met at instants that "
-            "equal steps (`dt`, an integrator by name, a control without `period`, a run without the "
-            "compiled kernel) do not end at. Give `tol` alone (or stops `stiffness`)."
+            "equal steps (`dt`, an integrator by name, a control without `period`, a run without "
+            "the compiled kernel) do not end at. Give `tol` alone (or stops `stiffness`)."
         )
     return (spec.tol or _STICTION) if spec.tol is not None or _lands(scene) else None
 
