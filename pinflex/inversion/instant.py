@@ -73,7 +73,7 @@ class Instant:
         """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm)."""
         d, target = self.dynamics, self.target
         r, c = d.residual(y, v, a, lam, target.t[at])
-        here = self.platform.values(d.joint_poses(y))
+        here = self.platform.of(d, y)
         error = self.platform.error(here, target.position[at])
         idle = target.idle[at] @ (self.axes.read(y) - target.motors[at])[:, :, None]
         held = np.zeros((len(y), len(self.system.held)))  # never moved: nothing is ever open there
@@ -109,8 +109,9 @@ class Instant:
 
     def _placed(self, y: Array) -> Array:
         """Jacobians of the imposed platform coordinates, shape (n, k, nv)."""
-        d = self.dynamics
-        return np.concatenate([self.platform.at(d.kinematics(y[s]))[1] for s in spans(len(y))])
+        d, joint = self.dynamics, self.platform.joint
+        parts = (d.kinematics(y[s], None, joint) for s in spans(len(y)))
+        return np.concatenate([self.platform.at(part)[1] for part in parts])
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class PlatformCoordinates:
                     f"coordinates: {name}: no platform coordinate."
                     f"{nearest(name, PLATFORM_COORDINATES)}"
                 )
-        self.names, self.joint = tuple(names), place.joint
+        self.names, self.joint, self._place = tuple(names), place.joint, place
         self.turning = np.array([name.startswith("r") for name in names], dtype=bool)
         self._frame = Frame(system.model, place)
         self._columns = [PLATFORM_COORDINATES.index(name) for name in names]
@@ -110,6 +110,11 @@ class PlatformCoordinates:
     def values(self, poses: Array) -> Array:
         """Values from joint poses (n, joints, 12), shape (n, k)."""
         return self._every(poses)[:, self._columns]
+
+    def of(self, system: Equations, y: Array) -> Array:
+        """Values at y (n, nq), shape (n, k): of the compiled equations where they serve."""
+        ((R, p),) = poses_of_frames(system, y, [self._place])
+        return np.column_stack([p, zyx_angles(R)])[:, self._columns]
 
     def _every(self, poses: Array) -> Array:
         R, p = self._frame.pose(poses)
