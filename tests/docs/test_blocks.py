@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import subprocess
@@ -163,3 +164,20 @@ def test_commands_in_the_text_have_the_options_that_they_show() -> None:
                 assert options <= OPTIONS[one], f"{page.name}: pinflex {span}"
             seen += 1
     assert seen > 40
+
+
+def test_the_notebook_for_colab_says_what_the_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two cells of code: the first installs, the second is run here."""
+    notebook = json.loads((ROOT / "examples/colab.ipynb").read_text("utf-8"))
+    install, ask = ["".join(c["source"]) for c in notebook["cells"] if c["cell_type"] == "code"]
+    assert install == "%pip install -q pinflex"
+    monkeypatch.chdir(tmp_path)
+    exec(compile(ask, "colab.ipynb", "exec"), {"__name__": "cell"})
+    said = capsys.readouterr().out
+    readme = (ROOT / "README.md").read_text("utf-8")
+    off, stress = re.findall(r"up to ([\d.]+) mm.*?up to ([\d.]+) MPa", readme, re.S)[0]
+    assert f"{off} mm" in said
+    assert f"bears {float(stress):.1f} MPa" in said
+    assert (tmp_path / "delta.html").stat().st_size > 1e5
