@@ -34,6 +34,16 @@ TARGETS = {
     "macos-x86_64": ("x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
     "macos-aarch64": ("aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib"),
 }
+# The kernel of a page that computes: 128 bits are what every browser has, and products are not fused
+# there. What a page calls is named, so that the rest (level ked, energies) is left out.
+WASM_FLAGS = (
+    *("-std=c11", "-O2", "-msimd128", "-s", "-mexec-model=reactor", "-fvisibility=hidden"),
+    *("-ffp-contract=off", "-fno-math-errno", "-Wno-psabi"),
+)
+WASM_CALLS = (
+    *("work_size", "residuals", "tangent", "closure_motion", "closures", "forces", "poses"),
+    *("march", "begin", "correct_steps", "samples"),
+)
 
 
 def fingerprint() -> str:
@@ -86,6 +96,35 @@ def compile_all(folder: Path, target: str | None = None) -> list[Path]:
         except (OSError, subprocess.SubprocessError) as error:
             said.append(f"{compiler[0]}: {in_short(error)}")
     raise RuntimeError("; ".join(said) or "no compiler: pip install ziglang")
+
+
+def compile_wasm(out: Path) -> Path:
+    """Compile the kernel that a page carries, by the clang of the package `ziglang`.
+
+    Returns:
+        The file, WebAssembly with one import, a clock.
+    Raises:
+        RuntimeError: There is no `ziglang`, or it does not make it.
+    """
+    if not _has_zig():
+        raise RuntimeError("no clang that makes WebAssembly: pip install ziglang")
+    exports = [f"-Wl,--export=pinflex_{name}" for name in WASM_CALLS]
+    sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
+    fresh = out.with_name(f"{out.name}.{os.getpid()}")
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-wasi"]
+    define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
+    command = [*compiler, *WASM_FLAGS, *exports, define, *sources, "-lm", "-o", str(fresh)]
+    try:
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise RuntimeError(in_short(error)) from error
+    os.replace(fresh, out)
+    return out
+
+
+def wasm_name() -> str:
+    """File name of the kernel that a page carries: it says of which sources it is."""
+    return f"kernel-{fingerprint()}.wasm"
 
 
 def in_short(error: Exception) -> str:

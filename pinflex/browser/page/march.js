@@ -1,0 +1,86 @@
+/* march.js: a run in the page, as pinflex.solver.judge has it: steps, each corrected twice.
+
+The kernel takes a batch of steps (march.c), which are corrected once and once more (correct.c); the
+first correction is answered, and what the second one changes is its error. */
+const END = {FULL: 0, INPUTS: 1, START: 2, STUCK: 3, PAUSED: 4};
+const PIECES = ["y", "v", "a", "lam", "torque"];
+
+class March {
+  constructor(heap) {
+    this.heap = heap;
+    const {counts: c, marches, weights} = heap.header;
+    this.counts = c;
+    this.widths = {y: c.nq, v: c.nv, a: c.nv, lam: c.closures, torque: c.motors, work: 2};
+    this.marches = marches;
+    this.weights = weights.map((k) => k && heap.where[k]);
+  }
+  field(k, name) { return this.heap.get(this.marches[k], name); }
+  put(k, name, x) { this.heap.set(this.marches[k], name, x); }
+  array(k, name, n) { return this.heap.view(this.field(k, name), n); }
+  step(k, name, row, width) { return this.heap.view(this.field(k, "steps." + name) + 8 * row * width, width); }
+
+  /* States at the samples (sorted, in s) from a start, by the run corrected once and twice. */
+  run(samples, y, v) {
+    const {heap, counts: c} = this, rows = samples.length, found = [this.room(rows), this.room(rows)];
+    this.array(0, "y", c.nq).set(y);
+    this.array(0, "v", c.nv).set(v);
+    if (!heap.kernel.pinflex_begin(heap.at[heap.header.tables], heap.work, heap.at[this.marches[0]])) throw new Error("no unique start");
+    for (const name of PIECES) for (const one of found) one[name].set(this.array(0, name, this.widths[name]), 0);
+    let done = 1, ends = [null, null];               // accelerations at the end of the batch before
+    while (this.field(0, "stop") < this.field(0, "stops")) {
+      const count = this.advance();
+      ends = this.correct(count, ends);
+      done = this.sample(samples, done, count, found);
+    }
+    return {once: found[0], twice: found[1], steps: this.field(0, "number")};
+  }
+  room(rows) {
+    return Object.fromEntries([...PIECES, "work"].map((name) => [name, new Float64Array(rows * this.widths[name])]));
+  }
+  advance() {
+    const {heap} = this, last = this.field(0, "count"), s = this.stages(0);
+    if (last) for (const [name, n] of [["a", s * this.widths.a], ["lam", s * this.widths.lam], ["h", 1]])
+      this.step(0, name, 0, n).set(this.step(0, name, last, n));
+    this.put(0, "count", 0);
+    for (;;) {
+      const end = heap.kernel.pinflex_march(heap.at[heap.header.tables], heap.work, heap.at[this.marches[0]]);
+      if (end === END.FULL) break;
+      if (end !== END.PAUSED) throw new Error(end === END.STUCK ? `steps get shorter without end at t = ${this.field(0, "t").toPrecision(4)} s` : "no unique start");
+    }
+    const count = this.field(0, "count"), h = this.step(0, "h", count, 1)[0];
+    this.put(0, "slow", Math.min(0.1, Math.sqrt(0.3 * h / this.span)));
+    return count;
+  }
+  stages(k) { return this.heap.header.stages[k]; }
+  correct(count, ends) {
+    const {heap} = this, n = this.widths.a;
+    return [1, 2].map((k) => {
+      let end = 0;
+      if (ends[k - 1]) { end = heap.lend("end" + k, n); heap.view(end, n).set(ends[k - 1]); }
+      else for (const name of ["count"]) this.put(k, name, 0);
+      if (!heap.kernel.pinflex_correct_steps(heap.at[heap.header.tables], heap.work, heap.at[this.marches[k - 1]], heap.at[this.marches[k]], BigInt(count), this.weights[k], end, 0))
+        throw new Error("steps cannot be corrected");
+      const s = this.stages(k - 1);
+      return this.step(k - 1, "a", count, s * n).slice((s - 1) * n);
+    });
+  }
+  sample(samples, done, count, found) {
+    const {heap} = this, at = [], of = [];
+    let i = done;
+    for (let k = 1; k <= count; k++) {
+      const end = this.step(1, "t", k, 1)[0] + (1 + 1e-9) * this.step(1, "h", k, 1)[0];
+      for (; i < samples.length && samples[i] <= end; i++) { at.push(samples[i]); of.push(k); }
+    }
+    const n = at.length;
+    if (!n) return done;
+    const names = [...PIECES, "work"], rooms = names.map((name) => heap.lend("sample " + name, n * this.widths[name]));
+    const time = heap.lend("sample time", n), which = heap.lend("sample of", n);
+    heap.view(time, n).set(at);
+    new BigInt64Array(heap.kernel.memory.buffer, which, n).set(of.map(BigInt));
+    for (const [k, one] of [[1, found[0]], [2, found[1]]]) {
+      heap.kernel.pinflex_samples(heap.at[heap.header.tables], heap.at[this.marches[k]], BigInt(n), time, which, 0, ...rooms);
+      names.forEach((name, j) => one[name].set(heap.view(rooms[j], n * this.widths[name]), done * this.widths[name]));
+    }
+    return done + n;
+  }
+}
