@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.drive import breaks
+from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.browser.image import Image
 from pinflex.browser.inputs import tabulate
+from pinflex.browser.outputs import outputs
 from pinflex.errors import DescriptionError
 from pinflex.integrators.corrector import Corrector
-from pinflex.integrators.march import SHORT, TOGETHER, March, Radau, newton_tolerance
+from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
 from pinflex.kernel.march import RESTARTS, MarchKernel
 from pinflex.kernel.stages import StageKernel
 from pinflex.kernel.tables import Tables
@@ -27,6 +29,8 @@ from pinflex.solver.judge import PART
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, scene_of
 
+# Steps of a batch: most runs of a page are one, whose error is told after its answer is shown.
+TOGETHER = 64
 _GIVEN_STAGES = ("free_at", "motor_v", "motor_q", "motor_paired", "plain_q", "plain_v", "circle_q",
                  "circle_v", "ball_q", "ball_v", "body_q", "body_v", "body_flat", "c", "A", "A2",
                  "A2_inverse", "value", "forward", "back", "kp", "kd")  # fmt: skip
@@ -126,6 +130,12 @@ def _laid_out(scene: Scene, radau: Radau, march: March, t: Array) -> Recipe:
     header["marches"] = [image.add_structure(kernel.at) for kernel in kernels]
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
+    header["inputs"] = [image.add_structure(kernel._inputs[1]) for kernel in kernels]
+    kept = _Kept(image)
+    header["outputs"] = outputs(scene.mechanism, system, kept)
+    header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
+    header["moving"] = _nominal_rates(scene, system)
+    header["t"] = t.tolist()
     header["counts"] = dict(system.tables.counts) | {
         "motors": len(system.motors), "free": [int(i) for i in radau.problem.free],
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
@@ -134,6 +144,44 @@ def _laid_out(scene: Scene, radau: Radau, march: March, t: Array) -> Recipe:
     header["part"], header["static"] = PART, scene._start.kind == "static"
     header["names"] = dict(image.names)
     return Recipe(image, header, t)
+
+
+class _Kept:
+    """Takes arrays that only the page reads."""
+
+    def __init__(self, image: Image) -> None:
+        self._image = image
+
+    def __call__(self, name: str, values: Any) -> int:
+        array = np.asarray(values, dtype=float).ravel()
+        self._image.names[f"out/{name}"] = len(self._image.arrays)
+        self._image.arrays.append((array.size, "k", array))
+        return len(self._image.arrays) - 1
+
+
+def tables_of(mechanism: Mechanism) -> dict[str, Array]:
+    """Arrays by name that a number of the scene may change, flat; named as those of a recipe."""
+    scene = live_scene(mechanism)
+    dynamics = scene.equations()
+    found = {
+        name: np.asarray(x, float).ravel() for name, x in dynamics.system.tables._arrays.items()
+    }
+    if scene.by_forces:
+        found["0/weight"] = np.asarray(dynamics.strain.stiffness, float).ravel()
+    image = Image()
+    outputs(mechanism, dynamics.system, _Kept(image))
+    of_page = {name: np.asarray(image.arrays[k][2]) for name, k in image.names.items()}
+    return {name: x for name, x in (found | of_page).items() if x.size}
+
+
+def _nominal_rates(scene: Scene, system: Any) -> list[list[float]]:
+    """Velocities and accelerations (nv,) of the rigid motion at the start."""
+    first = nominal(scene.mechanism, scene.motion, np.zeros(1))
+    v, a = np.zeros(system.nv), np.zeros(system.nv)
+    if np.any(first.v):  # at rest accelerations are not part of the balance
+        n = int(system.rigid.nv)
+        v[:n], a[:n] = first.v[0], first.a[0]
+    return [v.tolist(), a.tolist()]
 
 
 def _add_tables(image: Image, tables: Tables) -> int:

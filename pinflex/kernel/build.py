@@ -44,6 +44,7 @@ WASM_CALLS = (
     *("work_size", "residuals", "tangent", "closure_motion", "closures", "forces", "poses"),
     *("march", "begin", "correct_steps", "samples"),
 )
+WASM_INSIDE = ("retract",)  # functions of the sources themselves
 
 
 def fingerprint() -> str:
@@ -108,7 +109,8 @@ def compile_wasm(out: Path) -> Path:
     """
     if not _has_zig():
         raise RuntimeError("no clang that makes WebAssembly: pip install ziglang")
-    exports = [f"-Wl,--export=pinflex_{name}" for name in WASM_CALLS]
+    calls = *(f"pinflex_{name}" for name in WASM_CALLS), *WASM_INSIDE
+    exports = [f"-Wl,--export={name}" for name in calls]
     sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
     fresh = out.with_name(f"{out.name}.{os.getpid()}")
     compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-wasi"]

@@ -1,7 +1,7 @@
 /* heap.js: the kernel with the arrays and structures of one scene in its memory.
 
-A scene comes as a header and one line of numbers. header.arrays: [length, "f" | "i", where their
-values stand or -1 for room]; header.structures: {size, bytes: [[at, value]] of whole numbers,
+A scene comes as a header and one line of numbers. header.arrays: [length, "f" | "i" | "k" (of
+the page alone), where their values stand or -1 for room]; header.structures: {size, integers: [[at, value]],
 numbers: [[at, value]], arrays: [[at, array]], structures: [[at, structure]], fields: {name: [at, kind]}}.
 Whole numbers of the kernel are of 64 bits; pointers are of 32 here. */
 class Heap {
@@ -9,7 +9,7 @@ class Heap {
     this.kernel = exports;
     this.header = header;
     this.top = exports.memory.buffer.byteLength;
-    this.where = header.arrays.map(([n]) => this.room(8 * n));
+    this.where = header.arrays.map(([n, kind]) => this.room(kind === "k" ? 0 : 8 * n));
     this.at = header.structures.map((s) => this.room(s.size));
     this.work = 0;
     this.fill(values);
@@ -24,7 +24,7 @@ class Heap {
   /* Arrays and structures as if nothing had run. */
   fill(values) {
     this.header.arrays.forEach(([n, kind, from], k) => {
-      if (from < 0) return;
+      if (from < 0 || kind === "k") return;
       if (kind === "f") this.numbers(k).set(values.subarray(from, from + n));
       else this.integers(k).set(BigInt64Array.from({length: n}, (_, i) => BigInt(values[from + i])));
     });

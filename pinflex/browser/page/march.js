@@ -19,7 +19,7 @@ class March {
   array(k, name, n) { return this.heap.view(this.field(k, name), n); }
   step(k, name, row, width) { return this.heap.view(this.field(k, "steps." + name) + 8 * row * width, width); }
 
-  /* States at the samples (sorted, in s) from a start, by the run corrected once and twice. */
+  /* States at the samples (sorted, in s) from a start, by the run corrected once; again(): twice. */
   run(samples, y, v) {
     const {heap, counts: c} = this, rows = samples.length, found = [this.room(rows), this.room(rows)];
     this.array(0, "y", c.nq).set(y);
@@ -27,12 +27,15 @@ class March {
     if (!heap.kernel.pinflex_begin(heap.at[heap.header.tables], heap.work, heap.at[this.marches[0]])) throw new Error("no unique start");
     for (const name of PIECES) for (const one of found) one[name].set(this.array(0, name, this.widths[name]), 0);
     let done = 1, ends = [null, null];               // accelerations at the end of the batch before
-    while (this.field(0, "stop") < this.field(0, "stops")) {
-      const count = this.advance();
-      ends = this.correct(count, ends);
-      done = this.sample(samples, done, count, found);
+    const more = () => this.field(0, "stop") < this.field(0, "stops");
+    while (more()) {
+      const count = this.advance(), last = !more(), from = done;
+      ends[0] = this.correct(1, count, ends[0]);
+      done = this.sample(1, samples, from, count, found[0]);
+      const again = () => { ends[1] = this.correct(2, count, ends[1]); this.sample(2, samples, from, count, found[1]); return found[1]; };
+      if (last) return {once: found[0], again, steps: this.field(0, "number")};
+      again();
     }
-    return {once: found[0], twice: found[1], steps: this.field(0, "number")};
   }
   room(rows) {
     return Object.fromEntries([...PIECES, "work"].map((name) => [name, new Float64Array(rows * this.widths[name])]));
@@ -52,35 +55,28 @@ class March {
     return count;
   }
   stages(k) { return this.heap.header.stages[k]; }
-  correct(count, ends) {
-    const {heap} = this, n = this.widths.a;
-    return [1, 2].map((k) => {
-      let end = 0;
-      if (ends[k - 1]) { end = heap.lend("end" + k, n); heap.view(end, n).set(ends[k - 1]); }
-      else for (const name of ["count"]) this.put(k, name, 0);
-      if (!heap.kernel.pinflex_correct_steps(heap.at[heap.header.tables], heap.work, heap.at[this.marches[k - 1]], heap.at[this.marches[k]], BigInt(count), this.weights[k], end, 0))
-        throw new Error("steps cannot be corrected");
-      const s = this.stages(k - 1);
-      return this.step(k - 1, "a", count, s * n).slice((s - 1) * n);
-    });
+  /* Correct the steps of march k - 1; the accelerations at their end, from which the next ones go on. */
+  correct(k, count, before) {
+    const {heap} = this, n = this.widths.a, s = this.stages(k - 1);
+    const end = before ? heap.lend("end" + k, n) : 0;
+    if (before) heap.view(end, n).set(before);
+    if (!heap.kernel.pinflex_correct_steps(heap.at[heap.header.tables], heap.work, heap.at[this.marches[k - 1]], heap.at[this.marches[k]], BigInt(count), this.weights[k], end, 0))
+      throw new Error("steps cannot be corrected");
+    return this.step(k - 1, "a", count, s * n).slice((s - 1) * n);
   }
-  sample(samples, done, count, found) {
+  /* Read states off the corrected steps of march k; the number of samples there are then. */
+  sample(k, samples, done, count, found) {
     const {heap} = this, at = [], of = [];
-    let i = done;
-    for (let k = 1; k <= count; k++) {
-      const end = this.step(1, "t", k, 1)[0] + (1 + 1e-9) * this.step(1, "h", k, 1)[0];
-      for (; i < samples.length && samples[i] <= end; i++) { at.push(samples[i]); of.push(k); }
+    for (let j = 1, i = done; j <= count; j++) {
+      const end = this.step(k, "t", j, 1)[0] + (1 + 1e-9) * this.step(k, "h", j, 1)[0];
+      for (; i < samples.length && samples[i] <= end; i++) { at.push(samples[i]); of.push(BigInt(j)); }
     }
-    const n = at.length;
-    if (!n) return done;
-    const names = [...PIECES, "work"], rooms = names.map((name) => heap.lend("sample " + name, n * this.widths[name]));
-    const time = heap.lend("sample time", n), which = heap.lend("sample of", n);
+    const n = at.length, names = [...PIECES, "work"];
+    const rooms = names.map((name) => heap.lend("sample " + name, n * this.widths[name] + 1)), time = heap.lend("sample time", n + 1), which = heap.lend("sample of", n + 1);
     heap.view(time, n).set(at);
-    new BigInt64Array(heap.kernel.memory.buffer, which, n).set(of.map(BigInt));
-    for (const [k, one] of [[1, found[0]], [2, found[1]]]) {
-      heap.kernel.pinflex_samples(heap.at[heap.header.tables], heap.at[this.marches[k]], BigInt(n), time, which, 0, ...rooms);
-      names.forEach((name, j) => one[name].set(heap.view(rooms[j], n * this.widths[name]), done * this.widths[name]));
-    }
+    new BigInt64Array(heap.kernel.memory.buffer, which, n).set(of);
+    heap.kernel.pinflex_samples(heap.at[heap.header.tables], heap.at[this.marches[k]], BigInt(n), time, which, 0, ...rooms);
+    names.forEach((name, j) => found[name].set(heap.view(rooms[j], n * this.widths[name]), done * this.widths[name]));
     return done + n;
   }
 }

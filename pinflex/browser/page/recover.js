@@ -1,0 +1,143 @@
+/* recover.js: from states to what is drawn, as pinflex.recovery has it: centrelines, section forces,
+stresses, poses of bodies and of the platform, joint forces. Arrays are time first. */
+class Recovery {
+  constructor(heap, equations, array) {
+    this.heap = heap;
+    this.equations = equations;
+    this.array = array;                             // by number, as the sliders have left it
+    const o = this.o = heap.header.outputs, nodes = new Set(Object.values(o.joints));
+    for (const link of o.links) for (const p of link.pieces) { nodes.add(p.root[0]); p.nodes.forEach((n) => nodes.add(n)); }
+    for (const [n] of Object.values(o.bodies)) nodes.add(n);
+    if (o.platform) nodes.add(o.platform[0]);
+    this.nodes = [...nodes].filter((n) => n >= 0);
+    this.row = new Map(this.nodes.map((n, i) => [n, i]));
+  }
+  wanted() {
+    const {heap} = this, at = heap.lend("wanted", this.nodes.length + 1);
+    new BigInt64Array(heap.kernel.memory.buffer, at, this.nodes.length).set(this.nodes.map(BigInt));
+    return at;
+  }
+  /* Poses [R | p] (n, 12) of every node wanted, in the order of `nodes`. */
+  poses(n, y) {
+    const k = this.nodes.length, given = this.equations.put("y", y), wanted = this.wanted(), out = this.equations.take("poses", k * n * 12);
+    this.equations.call("poses", BigInt(n), given, BigInt(k), wanted, out);
+    return this.heap.view(out, k * n * 12).slice();
+  }
+  /* Of something fixed to a node, (n, 12); node -1: the base. */
+  placed(poses, n, [node, placement]) {
+    const local = this.array(placement), out = new Float64Array(12 * n), i = this.row.get(node);
+    const still = Float64Array.from([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]);
+    for (let k = 0; k < n; k++) {
+      const a = node < 0 ? still : poses.subarray(12 * (i * n + k), 12 * (i * n + k + 1)), o = 12 * k;
+      for (let r = 0; r < 3; r++) {
+        for (let c = 0; c < 4; c++) out[o + 4 * r + c] = a[4 * r] * local[c] + a[4 * r + 1] * local[4 + c] + a[4 * r + 2] * local[8 + c];
+        out[o + 4 * r + 3] += a[4 * r + 3];
+      }
+    }
+    return out;
+  }
+  /* Expanded forces g (n, nV), wrenches of the nodes (n, nodes, 6) and of the loops (n, loops, 6). */
+  forces(n, s) {
+    const {c} = this.equations, e = this.equations, k = this.nodes.length, wanted = this.wanted();
+    const given = [e.put("y", s.y), e.put("v", s.v), e.put("a", s.a), e.put("lam", s.lam), e.ones(n)];
+    const sizes = {r: n * c.nv, c: n * c.closures, g: n * c.nV, f: n * k * 6, loops: n * c.loops * 6, sleeves: n * c.sleeves * 24};
+    const rooms = Object.entries(sizes).map(([name, size]) => e.take("force " + name, size));
+    e.call("forces", BigInt(n), ...given, BigInt(k), wanted, ...rooms);
+    const get = (j, size) => this.heap.view(rooms[j], size).slice();
+    return {g: get(2, sizes.g), f: get(3, sizes.f), loops: get(4, sizes.loops)};
+  }
+  /* Centreline and y axis of the sections (n, nx, 3), section forces (n, nx, 6) of one body of a link. */
+  piece(p, n, s, poses, forces) {
+    const {nq, nq_rigid, nV} = this.equations.c, get = (name) => p[name] === undefined ? null : this.array(p[name]);
+    const [x, Phi, G, outer, twist, bodyPhi, bodyX, loadX, stations, twists] = ["x", "Phi", "G", "outer", "outer_twist", "body_Phi", "body_x", "loads", "stations", "twists"].map(get);
+    const nx = x.length, [from, to] = p.eta, m = to - from, ns = bodyX.length, nt = twists ? twists.length : 0, root = this.placed(poses, n, p.root);
+    const nodes = p.nodes.map((node) => this.row.get(node)), all = this.nodes.length;
+    const line = new Float64Array(n * nx * 3), normal = new Float64Array(n * nx * 3), force = new Float64Array(n * nx * 6);
+    const d = new Float64Array(nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), F = new Float64Array(3), M = new Float64Array(3);
+    const curved = G ? Array.from({length: nx * 6}, (_, r) => G.subarray(r * m * m, (r + 1) * m * m).some((v) => v !== 0)) : null;
+    const where = Array.from(loadX || [], (v) => { let best = 0; for (let i = 1; i < nx; i++) if (Math.abs(x[i] - v) < Math.abs(x[best] - v)) best = i; return best; });
+    for (let k = 0; k < n; k++) {
+      const eta = s.y.subarray(k * nq + nq_rigid + from, k * nq + nq_rigid + to), g = forces.g.subarray(k * nV, (k + 1) * nV);
+      for (let r = 0; r < nx * 6; r++) {
+        let v = 0;
+        for (let i = 0; i < m; i++) v += Phi[r * m + i] * eta[i];
+        if (curved && curved[r]) for (let i = 0, a = r * m * m; i < m; i++) { let w = 0; for (let j = 0; j < m; j++) w += G[a++] * eta[j]; v += 0.5 * w * eta[i]; }
+        d[r] = v;
+      }
+      for (let i = 0; i < ns; i++) {
+        for (let c = 0; c < 3; c++) {
+          pull[3 * i + c] = g[stations[3 * i + c]];
+          let v = c ? 0 : bodyX[i];
+          for (let j = 0; j < m; j++) v += bodyPhi[(3 * i + c) * m + j] * eta[j];
+          arm[3 * i + c] = v;
+        }
+      }
+      const R = root.subarray(12 * k, 12 * k + 12);
+      for (let i = 0; i < nx; i++) {
+        F.fill(0); M.fill(0);
+        for (let j = 0; j < ns; j++) {
+          const w = outer[i * ns + j];
+          if (w === 0) continue;
+          const [a, b, c, u, v, z] = [arm[3 * j], arm[3 * j + 1], arm[3 * j + 2], pull[3 * j], pull[3 * j + 1], pull[3 * j + 2]];
+          F[0] += w * u; F[1] += w * v; F[2] += w * z;
+          M[0] += w * (b * z - c * v); M[1] += w * (c * u - a * z); M[2] += w * (a * v - b * u);
+        }
+        for (let j = 0; j < nt; j++) M[0] += twist[i * nt + j] * g[twists[j]];
+        for (let l = 0; l < nodes.length; l++) {
+          if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
+          const q = where[l], f = 6 * (k * all + nodes[l]), [u, v, z] = [forces.f[f], forces.f[f + 1], forces.f[f + 2]];
+          const a = d[6 * q] + loadX[l], b = d[6 * q + 1], c = d[6 * q + 2];
+          F[0] += u; F[1] += v; F[2] += z;
+          M[0] += forces.f[f + 3] + b * z - c * v; M[1] += forces.f[f + 4] + c * u - a * z; M[2] += forces.f[f + 5] + a * v - b * u;
+        }
+        const px = d[6 * i] + x[i], py = d[6 * i + 1], pz = d[6 * i + 2], o = 6 * (k * nx + i);
+        force[o] = -F[0]; force[o + 1] = -F[1]; force[o + 2] = -F[2];
+        force[o + 3] = -(M[0] - (py * F[2] - pz * F[1])); force[o + 4] = -(M[1] - (pz * F[0] - px * F[2])); force[o + 5] = -(M[2] - (px * F[1] - py * F[0]));
+        /* the y axis of Rz(a) Ry(b) Rx(c) */
+        const [sa, ca, sb, cb, sc, cc] = [Math.sin(d[6 * i + 3]), Math.cos(d[6 * i + 3]), Math.sin(d[6 * i + 4]), Math.cos(d[6 * i + 4]), Math.sin(d[6 * i + 5]), Math.cos(d[6 * i + 5])];
+        const y0 = ca * sb * sc - sa * cc, y1 = sa * sb * sc + ca * cc, y2 = cb * sc, q = 3 * (k * nx + i);
+        for (let r = 0; r < 3; r++) {
+          line[q + r] = R[4 * r] * px + R[4 * r + 1] * py + R[4 * r + 2] * pz + R[4 * r + 3];
+          normal[q + r] = R[4 * r] * y0 + R[4 * r + 1] * y1 + R[4 * r + 2] * y2;
+        }
+      }
+    }
+    return {nx, line, normal, force};
+  }
+  /* A link of one body or of several, at the stations kept. */
+  link(link, n, s, poses, forces, kept) {
+    const pieces = link.pieces.map((p) => this.piece(p, n, s, poses, forces)), places = [];
+    pieces.forEach((p, j) => { for (let i = j ? 1 : 0; i < p.nx; i++) places.push([p, i]); });
+    const pick = (name, width) => {
+      const out = new Float64Array(n * kept.length * width);
+      kept.forEach((at, i) => { const [p, j] = places[at]; for (let k = 0; k < n; k++) for (let c = 0; c < width; c++) out[(k * kept.length + i) * width + c] = p[name][(k * p.nx + j) * width + c]; });
+      return out;
+    };
+    const force = pick("force", 6);
+    return {line: pick("line", 3), normal: pick("normal", 3), force, stress: this.stresses(link, force)};
+  }
+  stresses(link, force) {
+    const [A, Iy, Iz, Wt] = this.array(link.section), fibres = this.array(link.fibres), all = fibres.length / 2, count = force.length / 6;
+    let far = 0, rest = 0;
+    const half = all >> 1;
+    for (const v of fibres) far = Math.max(far, Math.abs(v));
+    for (let i = 0; i < 2 * half; i++) rest = Math.max(rest, Math.abs(fibres[i] + fibres[fibres.length - 2 * half + i]));
+    const opposite = 2 * half === all && rest < 1e-12 * far, used = opposite ? half : all;
+    const out = Object.fromEntries(["axial", "bending", "normal", "shear", "von_mises"].map((name) => [name, new Float64Array(count)]));
+    for (let k = 0; k < count; k++) {
+      const o = 6 * k, axial = force[o] / A, my = force[o + 4] / Iy, mz = force[o + 5] / Iz;
+      let most = 0, least = 0;
+      for (let i = 0; i < used; i++) {
+        const v = my * fibres[2 * i + 1] - mz * fibres[2 * i];
+        if (v > most) most = v;
+        if (v < least) least = v;
+      }
+      const bending = Math.max(most, -least);
+      if (opposite) { most = bending; least = -bending; }
+      const normal = Math.max(axial + most, -(axial + least)), shear = Math.abs(force[o + 3]) / Wt;
+      out.axial[k] = axial; out.bending[k] = bending; out.normal[k] = normal; out.shear[k] = shear;
+      out.von_mises[k] = Math.hypot(normal, Math.sqrt(3) * shear);
+    }
+    return out;
+  }
+}

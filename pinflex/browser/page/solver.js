@@ -1,0 +1,92 @@
+/* solver.js: a scene at the settings of its sliders: tables, start, run, settled samples, outputs. */
+class Solver {
+  constructor(kernel, header, values) {
+    this.header = header;
+    this.values = values;
+    /* Equal arrays stand once in the file; a slider may change one of them. */
+    const total = header.arrays.reduce((sum, [n, , from]) => sum + (from < 0 ? 0 : n), 0), line = new Float64Array(total);
+    let at = 0;
+    this.header.arrays = header.arrays.map(([n, kind, from]) => {
+      if (from < 0) return [n, kind, from];
+      line.set(values.subarray(from, from + n), at);
+      at += n;
+      return [n, kind, at - n];
+    });
+    this.base = line;
+    this.now = line.slice();
+    this.heap = new Heap(kernel, header, line);
+    this.march = new March(this.heap);
+    this.equations = new Equations(this.heap);
+    this.recovery = new Recovery(this.heap, this.equations, (k) => this.array(k));
+  }
+  array(k, of = this.now) { const [n, , from] = this.header.arrays[k]; return of.subarray(from, from + n); }
+  named(name, of) { return this.array(this.header.names[name], of); }
+
+  /* Tables at settings {slider: p}. */
+  apply(settings) {
+    this.now.set(this.base);
+    const changes = this.header.sliders.filter((s) => s.change).map((s) => [settings[s.name] ?? s.value, s]);
+    const order = {line: 0, polynomial: 0, factor: 1};
+    changes.sort((a, b) => order[a[1].change.kind] - order[b[1].change.kind]);
+    for (const [p, {change, made}] of changes) for (const [name, entries, values] of change.arrays) {
+      const to = this.named(name), at = this.data(entries), given = values === null ? null : this.data(values), n = at.length;
+      if (change.kind === "factor") for (let i = 0; i < n; i++) to[at[i]] *= p / made;
+      else if (change.kind === "line") for (let i = 0; i < n; i++) to[at[i]] += (p - made) * given[n + i];
+      else {
+        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)];
+        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * given[k * n + i]; to[at[i]] += x; }
+      }
+    }
+    this.stretch(1 / (settings.speed ?? 1));
+  }
+  data([from, n]) { return this.values.subarray(from, from + n); }
+  stretch(s) {
+    this.s = s;
+    const {columns, motors} = this.header.counts;
+    for (let k = 0; k < 3; k++) {
+      for (const name of ["in/end", "in/middle", "in/half", "in/corner", "stop_at"]) if (`${k}/${name}` in this.header.names) { const x = this.named(`${k}/${name}`); for (let i = 0; i < x.length; i++) x[i] *= s; }
+      for (const name of ["in/value", "in/corner_value"]) if (`${k}/${name}` in this.header.names) {
+        const x = this.named(`${k}/${name}`);
+        for (let i = 0; i < x.length; i++) { const kind = Math.floor(i % columns / motors); if (kind === 1) x[i] /= s; else if (kind === 2) x[i] /= s * s; }
+      }
+    }
+    this.heap.fill(this.now);
+    for (let k = 0; k < 3; k++) {
+      for (const name of ["h", "first", "shortest"]) this.march.put(k, name, s * this.march.field(k, name));
+      const at = this.header.inputs[k];
+      this.heap.set(at, "gap", s * this.heap.get(at, "gap"));
+    }
+    this.t = Float64Array.from(this.header.t, (t) => s * t);
+    this.march.span = this.t[this.t.length - 1] - this.t[0];
+    this.jumps = this.header.jumps.map((t) => s * t);
+  }
+  start() {
+    const {nq, nv} = this.header.counts, y = this.named("0/y", this.base).slice(0, nq), rates = this.header.moving.map((x, k) => Float64Array.from(x, (r) => r / this.s ** (k + 1)));
+    if (this.header.static) return balanced(this.heap, this.equations, y, ...rates);
+    return [y, Float64Array.from(this.named("0/v", this.base).slice(0, nv), (x) => x / this.s)];
+  }
+  /* States at the samples; again() tells their error afterwards. */
+  states(settings) {
+    this.apply(settings);
+    const [y, v] = this.start();
+    return this.march.run(this.t, y, v);
+  }
+  settled(found) {
+    const s = found.once, h = this.march.span / Math.max(found.steps, 1);
+    settle(this.equations, this.t, this.jumps, h, s);
+    return s;
+  }
+  /* Rigid poses at the samples: the same at any speed, and whatever the links. */
+  rigid(s, n) {
+    if (!this.still) this.still = rigidPoses(this.heap, this.equations, s.y, n);
+    return this.still;
+  }
+}
+/* Barycentric weights at x of a polynomial through Chebyshev points of the second kind. */
+function weightsAt(nodes, x) {
+  const hit = nodes.indexOf(x), n = nodes.length, w = new Float64Array(n);
+  if (hit >= 0) { w[hit] = 1; return w; }
+  let sum = 0;
+  for (let k = 0; k < n; k++) sum += w[k] = (k % 2 ? -1 : 1) * (k === 0 || k === n - 1 ? 0.5 : 1) / (x - nodes[k]);
+  return w.map((v) => v / sum);
+}

@@ -1,0 +1,250 @@
+"""Numbers of a scene that a page may change, and what each does to the tables of the kernel.
+
+A slider p stands for overrides `key = value * p^power`, which the page writes as `--set`. Tables are
+made at some p: where they are straight lines of p the page takes the line; where all that changes is in
+proportion to p, the factor; else the polynomial through Chebyshev points, whose error between them is
+measured here and told there. The speed of the move stretches time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.description import Description
+from pinflex.errors import PinflexError
+from pinflex.mechanics.mechanism import Mechanism, load
+
+Tables = dict[str, Array]
+_NODES = 7  # of what is no straight line
+_STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
+PAYLOAD = "payload"  # name of the block that a payload is written as
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number of a scene.
+
+    Attributes:
+        name, label, unit: What it is. low, high, value: Range, and where it stands at first.
+        keys: Overrides: key, value and power of p. shown: What p is shown times.
+        acts: "tables" or "time".
+    """
+
+    name: str
+    label: str
+    unit: str
+    low: float
+    high: float
+    value: float
+    keys: tuple[tuple[str, Any, int], ...]
+    shown: float = 1.0
+    acts: str = "tables"
+
+    def overrides(self, p: float) -> list[str]:
+        """As `pinflex.load` takes them."""
+        found = ((key, _times(value, p**power)) for key, value, power in self.keys)
+        return [f"{key}={json.dumps(value)}" for key, value in found]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a slider does to arrays: entries by array, and values of these at the nodes.
+
+    Attributes:
+        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries).
+        entries, values: By array. error: Largest one between the nodes, relative to the array.
+    """
+
+    kind: str
+    nodes: Array
+    entries: dict[str, Array]
+    values: dict[str, Array]
+    error: float = 0.0
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Sliders that work, with what they do; and those that do not, with the reason."""
+
+    sliders: tuple[Slider, ...]
+    changes: dict[str, Change]
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def _times(value: Any, factor: float) -> Any:
+    if isinstance(value, dict):
+        return {key: _times(x, factor) for key, x in value.items()}
+    if isinstance(value, list | tuple):
+        return [_times(x, factor) for x in value]
+    return value * factor if isinstance(value, float | int) else value
+
+
+def proposed(description: Description) -> list[Slider]:
+    """Sliders that a scene may have, from its YAML."""
+    raw = description.blocks()
+    found = [*_payload(description), *_speed(raw), *_damping(raw), *_gears(raw), *_sections(raw)]
+    return found
+
+
+def _payload(description: Description) -> list[Slider]:
+    """A point mass at the platform: inertia there, and its weight as a force."""
+    at, g = description.platform, [float(x) for x in description.gravity]
+    if not at:
+        return []
+    mass: dict[str, Any] = {"at": at, "mass": [1.0, 1.0, 1.0]}
+    keys: list[tuple[str, Any, int]] = [(f"added_masses.{PAYLOAD}", mass, 1)]
+    if any(g):
+        keys.append((f"forces.{PAYLOAD}", {"at": at, "force": g}, 1))
+    return [Slider(PAYLOAD, "payload", "kg", 0.0, 5.0, 0.0, tuple(keys))]
+
+
+_TIMES, _RATES = ("duration", "ramp", "start", "smooth"), ("omega", "frequency", "speed")
+
+
+def _speed(raw: dict[str, Any]) -> list[Slider]:
+    motion, solve = raw.get("motion"), raw.get("solve") or {}
+    if not isinstance(motion, dict):
+        return []
+    keys = [(f"motion.{k}", float(motion[k]), -1) for k in _TIMES if _is_number(motion.get(k))]
+    keys += [(f"motion.{k}", float(motion[k]), 1) for k in _RATES if _is_number(motion.get(k))]
+    if _is_number(solve.get("until")):
+        keys.append(("solve.until", float(solve["until"]), -1))
+    if not any(key.startswith("motion.") for key, _, _ in keys):
+        return []
+    return [Slider("speed", "speed of the move", "×", 0.5, 2.0, 1.0, tuple(keys), acts="time")]
+
+
+def _damping(raw: dict[str, Any]) -> list[Slider]:
+    block = raw.get("damping")
+    keys: list[tuple[str, Any, int]] = []
+    if isinstance(block, dict) and any(block.get("rayleigh") or ()):
+        keys.append(("damping.rayleigh", [float(x) for x in block["rayleigh"]], 1))
+    if isinstance(block, dict) and block.get("modal"):
+        keys.append(("damping.modal", float(block["modal"]), 1))
+    return [Slider("damping", "damping", "×", 0.2, 5.0, 1.0, tuple(keys))] if keys else []
+
+
+def _gears(raw: dict[str, Any]) -> list[Slider]:
+    joints = raw.get("joints")
+    blocks = joints.items() if isinstance(joints, dict) else ()
+    keys = [
+        (f"joints.{name}.drive.stiffness", float(block["drive"]["stiffness"]), 1)
+        for name, block in blocks
+        if isinstance(block, dict)
+        and isinstance(block.get("drive"), dict)
+        and _is_number(block["drive"].get("stiffness"))
+    ]
+    return [Slider("gear", "gear stiffness", "×", 0.3, 3.0, 1.0, tuple(keys))] if keys else []
+
+
+def _sections(raw: dict[str, Any]) -> list[Slider]:
+    """The wall or thickness of the sections of each block of flexible links."""
+    links, found = raw.get("flexible"), list[Slider]()
+    for name, block in (links or {}).items() if isinstance(links, dict) else ():
+        section = block.get("section") if isinstance(block, dict) else None
+        for key in ("wall", "thickness"):
+            if isinstance(section, dict) and _is_number(section.get(key)):
+                value = float(section[key])
+                keys = ((f"flexible.{name}.section.{key}", value, 1),)
+                label = f"{key} of {name}"
+                found.append(Slider(label, label, "mm", 0.7, 1.4, 1.0, keys, 1e3 * value))
+                break
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool)
+
+
+def changes(
+    description: Description,
+    sliders: Sequence[Slider],
+    tables: Callable[[Mechanism], Tables],
+    base: Sequence[str],
+) -> Changes:
+    """What sliders do to the tables of a scene, whose other overrides are `base`."""
+    works, done, left = list[Slider](), dict[str, Change](), dict[str, str]()
+
+    def at(slider: Slider, p: float) -> Tables:
+        return tables(load(description, [*base, *slider.overrides(p)]))
+
+    for slider in sliders:
+        if slider.acts == "time":
+            works.append(slider)
+            continue
+        try:
+            found = _change(slider, at)
+        except PinflexError as error:
+            left[slider.label] = str(error)
+            continue
+        if found is None:
+            left[slider.label] = "it changes how the model is built"
+        elif found.entries:
+            works.append(slider)
+            done[slider.name] = found
+    return Changes(tuple(works), done, left)
+
+
+def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change | None:
+    low, high = slider.low or 0.1 * slider.high, slider.high
+    middle = 0.5 * (low + high)
+    first, half, last = (at(slider, p) for p in (low, middle, high))
+    if not _alike(first, last):
+        return None
+    moved = {
+        name: np.flatnonzero((first[name] != last[name]) | (first[name] != half[name]))
+        for name in first
+    }
+    moved = {name: entries for name, entries in moved.items() if len(entries)}
+    slopes = {n: (last[n][e] - first[n][e]) / (high - low) for n, e in moved.items()}
+    off = [_off(half[n][e], first[n][e] + slopes[n] * (middle - low), last[n])
+           for n, e in moved.items()]  # fmt: skip
+    if max(off, default=0.0) > _STRAIGHT:
+        return _polynomial(slider, at, low, high)
+    through = [_off(first[n][e], slopes[n] * low, last[n]) for n, e in moved.items()]
+    if max(through, default=0.0) < _STRAIGHT and slider.value:
+        return Change("factor", np.zeros(0), moved, {n: np.zeros(0) for n in moved})
+    origin = {n: first[n][e] - slopes[n] * low for n, e in moved.items()}
+    values = {n: np.concatenate([origin[n], slopes[n]]) for n in moved}
+    return Change("line", np.zeros(0), moved, values)
+
+
+def _polynomial(
+    slider: Slider, at: Callable[[Slider, float], Tables], low: float, high: float
+) -> Change | None:
+    angles = np.pi * np.arange(_NODES) / (_NODES - 1)
+    nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles)
+    found = [at(slider, float(p)) for p in nodes]
+    if not all(_alike(found[0], x) for x in found):
+        return None
+    between = 0.5 * (nodes[1:] + nodes[:-1])[[0, _NODES // 2, -1]]
+    wanted = [at(slider, float(p)) for p in between]
+    weights = np.where(np.arange(_NODES) % 2, -1.0, 1.0)
+    weights[[0, -1]] *= 0.5
+    W = weights / (between[:, None] - nodes)
+    W /= W.sum(axis=1, keepdims=True)
+    entries, values, error = dict[str, Array](), dict[str, Array](), 0.0
+    for name in found[0]:
+        every = np.array([x[name] for x in found])
+        e = np.flatnonzero(np.ptp(every, axis=0))
+        if not len(e):
+            continue
+        entries[name], values[name] = e, every[:, e].ravel()
+        missed = W @ every[:, e] - np.array([x[name][e] for x in wanted])
+        error = max(error, _off(missed, 0.0 * missed, every))
+    return Change("polynomial", nodes, entries, values, error)
+
+
+def _alike(a: Tables, b: Tables) -> bool:
+    return a.keys() == b.keys() and all(a[name].shape == b[name].shape for name in a)
+
+
+def _off(a: Array, b: Array, of: Array) -> float:
+    size = float(np.abs(of).max(initial=0.0))
+    return float(np.abs(a - b).max(initial=0.0)) / size if size else 0.0
