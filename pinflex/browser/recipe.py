@@ -48,7 +48,6 @@ class Recipe:
 
     image: Image
     header: dict[str, Any]
-    t: Array
 
 
 def live_scene(mechanism: Mechanism) -> Scene:
@@ -94,9 +93,8 @@ def times(scene: Scene) -> Array:
     return np.linspace(0.0, float(end), spec.samples or SAMPLES)
 
 
-def recipe(scene: Scene, resolution: float) -> Recipe:
-    """The run of a scene at a resolution of its steps."""
-    t = times(scene)
+def recipe(scene: Scene, resolution: float, t: Array) -> Recipe:
+    """The run of a scene at samples t (s) at a resolution of its steps."""
     problem = scene._problem(t, scene.equations())
     radau = scene._radau(problem, resolution)
     radau.loose = True
@@ -143,7 +141,7 @@ def _laid_out(scene: Scene, radau: Radau, march: March, t: Array) -> Recipe:
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
     header["part"], header["static"] = PART, scene._start.kind == "static"
     header["names"] = dict(image.names)
-    return Recipe(image, header, t)
+    return Recipe(image, header)
 
 
 class _Kept:

@@ -17,7 +17,7 @@ from pinflex.description.description import Description
 from pinflex.mechanics.mechanism import load
 
 # Of the tolerance: resolution of the steps. Two corrections of each then leave a tenth of it.
-_RESOLUTION = 0.5
+RESOLUTION = 0.5
 
 
 @dataclass(frozen=True)
@@ -25,18 +25,17 @@ class LiveScene:
     """What the page computes by.
 
     Attributes:
-        header, values: See page/heap.js and page/solver.js. t: Samples [s].
+        header, values: See page/heap.js and page/solver.js.
         left_out: Sliders that do not work here, with the reason.
     """
 
     header: dict[str, Any]
     values: Array
-    t: Array
     left_out: dict[str, str]
 
 
-def scene_of_page(description: Description) -> LiveScene:
-    """The scene of a description, with every slider that it may have.
+def scene_of_page(description: Description, t: Array) -> LiveScene:
+    """The scene of a description at samples t (s), with every slider that it may have.
 
     Raises:
         DescriptionError: A page cannot run it.
@@ -48,7 +47,7 @@ def scene_of_page(description: Description) -> LiveScene:
     found = sliders.changes(description, proposed, tables_of, base)
     scene = live_scene(load(description, base))
     tol = scene.spec.tol or 1e-3
-    made = recipe(scene, _RESOLUTION * tol)
+    made = recipe(scene, RESOLUTION * tol, t)
     header, line = laid_out(made.image)
     parts, at = [line], len(line)
 
@@ -61,7 +60,7 @@ def scene_of_page(description: Description) -> LiveScene:
     header |= made.header | {"tol": tol, "sliders": [
         _slider(s, found.changes.get(s.name), put) for s in found.sliders
     ]}  # fmt: skip
-    return LiveScene(header, np.concatenate(parts), made.t, found.left_out)
+    return LiveScene(header, np.concatenate(parts), found.left_out)
 
 
 def _slider(slider: sliders.Slider, change: sliders.Change | None, put: Any) -> dict[str, Any]:

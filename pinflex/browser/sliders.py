@@ -195,7 +195,7 @@ def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change | N
     low, high = slider.low or 0.1 * slider.high, slider.high
     middle = 0.5 * (low + high)
     first, half, last = (at(slider, p) for p in (low, middle, high))
-    if not _alike(first, last):
+    if not (_alike(first, last) and _alike(first, half)):
         return None
     moved = {
         name: np.flatnonzero((first[name] != last[name]) | (first[name] != half[name]))

@@ -84,9 +84,9 @@ def pack(data: Any) -> str:
     return deflated(len(head).to_bytes(4, "little") + head + b"".join(pieces))
 
 
-def deflated(raw: bytes) -> str:
+def deflated(raw: bytes, level: int = _LEVEL) -> str:
     """Bytes as base64 of zlib's format."""
-    return base64.b64encode(zlib.compress(raw, _LEVEL)).decode()
+    return base64.b64encode(zlib.compress(raw, level)).decode()
 
 
 def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
@@ -138,7 +138,7 @@ STYLE = ("theme", "layout", "stage", "dock", "beam", "small")
 COARSE = {"disp": 2**16, "y_disp": 2**12, "fields": 2**16, "sections": 2**12}
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}; \
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}{allowed}; \
 style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; \
 form-action 'none'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -146,7 +146,7 @@ form-action 'none'">
 <meta name="generator" content="pinflex"><title>{title}</title>
 <style>{css}</style></head><body><div id="app"></div>
 <noscript>This page plays a motion and needs JavaScript.</noscript>
-<script type="text/plain" id="pinflex-data">{data}</script>
+<script type="text/plain" id="pinflex-data">{data}</script>{more}
 <!-- three.js, copyright 2010-2026 three.js authors, MIT licence; see https://threejs.org -->
 <script type="text/plain" id="pinflex-viewer">{viewer}</script>
 <script>{player}</script>
@@ -248,6 +248,28 @@ class Page:
         )
 
 
+@dataclass(frozen=True)
+class More:
+    """What a page has beside the player.
+
+    Attributes:
+        script, style: Behind the player's own. data: Deflated, read as `inflated("pinflex-live")`.
+        allowed: Sources of scripts, and other directives, that its policy allows too.
+    """
+
+    script: str = ""
+    style: str = ""
+    data: bytes = b""
+    allowed: str = ""
+
+    @property
+    def element(self) -> str:
+        """The data in the page."""
+        if not self.data:
+            return ""
+        return f'\n<script type="text/plain" id="pinflex-live">{deflated(self.data, 9)}</script>'
+
+
 @public
 def view(
     result: Result | Mapping[str, Result],
@@ -290,15 +312,20 @@ def has_desktop() -> bool:
     return sys.platform in ("win32", "darwin") or bool(shown)
 
 
-def page_text(scenes: list[dict[str, Any]], title: str, page: dict[str, Any]) -> str:
+def page_text(
+    scenes: list[dict[str, Any]], title: str, page: dict[str, Any], more: More | None = None
+) -> str:
     """The whole page as text."""
-    player = f'"use strict";\n(async () => {{\n{_joined(PLAYER, "js")}\n}})();'
+    more = more or More()
+    player = f'"use strict";\n(async () => {{\n{_joined(PLAYER, "js")}\n{more.script}}})();'
     hash_, viewer = _viewer()
     runs = [_coarse(scene) | {"t": scene["t"].tolist()} for scene in scenes]
     return _PAGE.format(
         hashes=f"'sha256-{hash_}' 'sha256-{_sha256(player)}'",
         title=html.escape(title),
-        css=_joined(STYLE, "css"),
+        css=_joined(STYLE, "css") + more.style,
+        allowed=more.allowed,
+        more=more.element,
         data=pack({"title": title, "file": _slug(title), "first": 0, **page, "runs": runs}),
         viewer=viewer,
         player=player,

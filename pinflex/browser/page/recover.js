@@ -46,25 +46,26 @@ class Recovery {
     const get = (j, size) => this.heap.view(rooms[j], size).slice();
     return {g: get(2, sizes.g), f: get(3, sizes.f), loops: get(4, sizes.loops)};
   }
-  /* Centreline and y axis of the sections (n, nx, 3), section forces (n, nx, 6) of one body of a link. */
+  /* Centreline and y axis of the sections (n, nx, 3), section forces (n, nx, 6) of one body of a link;
+     forces null: its shape alone. */
   piece(p, n, s, poses, forces) {
     const {nq, nq_rigid, nV} = this.equations.c, get = (name) => p[name] === undefined ? null : this.array(p[name]);
     const [x, Phi, G, outer, twist, bodyPhi, bodyX, loadX, stations, twists] = ["x", "Phi", "G", "outer", "outer_twist", "body_Phi", "body_x", "loads", "stations", "twists"].map(get);
     const nx = x.length, [from, to] = p.eta, m = to - from, ns = bodyX.length, nt = twists ? twists.length : 0, root = this.placed(poses, n, p.root);
     const nodes = p.nodes.map((node) => this.row.get(node)), all = this.nodes.length;
     const line = new Float64Array(n * nx * 3), normal = new Float64Array(n * nx * 3), force = new Float64Array(n * nx * 6);
-    const d = new Float64Array(nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), F = new Float64Array(3), M = new Float64Array(3);
+    const d = new Float64Array(nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), hung = forces && forces.f;
     const curved = G ? Array.from({length: nx * 6}, (_, r) => G.subarray(r * m * m, (r + 1) * m * m).some((v) => v !== 0)) : null;
     const where = Array.from(loadX || [], (v) => { let best = 0; for (let i = 1; i < nx; i++) if (Math.abs(x[i] - v) < Math.abs(x[best] - v)) best = i; return best; });
     for (let k = 0; k < n; k++) {
-      const eta = s.y.subarray(k * nq + nq_rigid + from, k * nq + nq_rigid + to), g = forces.g.subarray(k * nV, (k + 1) * nV);
+      const eta = s.y.subarray(k * nq + nq_rigid + from, k * nq + nq_rigid + to), g = forces ? forces.g.subarray(k * nV, (k + 1) * nV) : null;
       for (let r = 0; r < nx * 6; r++) {
         let v = 0;
         for (let i = 0; i < m; i++) v += Phi[r * m + i] * eta[i];
         if (curved && curved[r]) for (let i = 0, a = r * m * m; i < m; i++) { let w = 0; for (let j = 0; j < m; j++) w += G[a++] * eta[j]; v += 0.5 * w * eta[i]; }
         d[r] = v;
       }
-      for (let i = 0; i < ns; i++) {
+      for (let i = 0; forces && i < ns; i++) {
         for (let c = 0; c < 3; c++) {
           pull[3 * i + c] = g[stations[3 * i + c]];
           let v = c ? 0 : bodyX[i];
@@ -72,33 +73,33 @@ class Recovery {
           arm[3 * i + c] = v;
         }
       }
-      const R = root.subarray(12 * k, 12 * k + 12);
+      const at = 12 * k;
       for (let i = 0; i < nx; i++) {
-        F.fill(0); M.fill(0);
-        for (let j = 0; j < ns; j++) {
-          const w = outer[i * ns + j];
-          if (w === 0) continue;
-          const [a, b, c, u, v, z] = [arm[3 * j], arm[3 * j + 1], arm[3 * j + 2], pull[3 * j], pull[3 * j + 1], pull[3 * j + 2]];
-          F[0] += w * u; F[1] += w * v; F[2] += w * z;
-          M[0] += w * (b * z - c * v); M[1] += w * (c * u - a * z); M[2] += w * (a * v - b * u);
-        }
-        for (let j = 0; j < nt; j++) M[0] += twist[i * nt + j] * g[twists[j]];
-        for (let l = 0; l < nodes.length; l++) {
-          if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
-          const q = where[l], f = 6 * (k * all + nodes[l]), [u, v, z] = [forces.f[f], forces.f[f + 1], forces.f[f + 2]];
-          const a = d[6 * q] + loadX[l], b = d[6 * q + 1], c = d[6 * q + 2];
-          F[0] += u; F[1] += v; F[2] += z;
-          M[0] += forces.f[f + 3] + b * z - c * v; M[1] += forces.f[f + 4] + c * u - a * z; M[2] += forces.f[f + 5] + a * v - b * u;
+        let F0 = 0, F1 = 0, F2 = 0, M0 = 0, M1 = 0, M2 = 0;
+        if (forces) {
+          for (let j = 0; j < ns; j++) {
+            const w = outer[i * ns + j], q = 3 * j, a = arm[q], b = arm[q + 1], c = arm[q + 2], u = w * pull[q], v = w * pull[q + 1], z = w * pull[q + 2];
+            F0 += u; F1 += v; F2 += z;
+            M0 += b * z - c * v; M1 += c * u - a * z; M2 += a * v - b * u;
+          }
+          for (let j = 0; j < nt; j++) M0 += twist[i * nt + j] * g[twists[j]];
+          for (let l = 0; l < nodes.length; l++) {
+            if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
+            const q = 6 * where[l], f = 6 * (k * all + nodes[l]), u = hung[f], v = hung[f + 1], z = hung[f + 2], a = d[q] + loadX[l], b = d[q + 1], c = d[q + 2];
+            F0 += u; F1 += v; F2 += z;
+            M0 += hung[f + 3] + b * z - c * v; M1 += hung[f + 4] + c * u - a * z; M2 += hung[f + 5] + a * v - b * u;
+          }
         }
         const px = d[6 * i] + x[i], py = d[6 * i + 1], pz = d[6 * i + 2], o = 6 * (k * nx + i);
-        force[o] = -F[0]; force[o + 1] = -F[1]; force[o + 2] = -F[2];
-        force[o + 3] = -(M[0] - (py * F[2] - pz * F[1])); force[o + 4] = -(M[1] - (pz * F[0] - px * F[2])); force[o + 5] = -(M[2] - (px * F[1] - py * F[0]));
+        force[o] = -F0; force[o + 1] = -F1; force[o + 2] = -F2;
+        force[o + 3] = py * F2 - pz * F1 - M0; force[o + 4] = pz * F0 - px * F2 - M1; force[o + 5] = px * F1 - py * F0 - M2;
         /* the y axis of Rz(a) Ry(b) Rx(c) */
-        const [sa, ca, sb, cb, sc, cc] = [Math.sin(d[6 * i + 3]), Math.cos(d[6 * i + 3]), Math.sin(d[6 * i + 4]), Math.cos(d[6 * i + 4]), Math.sin(d[6 * i + 5]), Math.cos(d[6 * i + 5])];
-        const y0 = ca * sb * sc - sa * cc, y1 = sa * sb * sc + ca * cc, y2 = cb * sc, q = 3 * (k * nx + i);
+        const a = d[6 * i + 3], b = d[6 * i + 4], c = d[6 * i + 5], sa = Math.sin(a), ca = Math.cos(a), sc = Math.sin(c), cc = Math.cos(c), sb = Math.sin(b);
+        const y0 = ca * sb * sc - sa * cc, y1 = sa * sb * sc + ca * cc, y2 = Math.cos(b) * sc, q = 3 * (k * nx + i);
         for (let r = 0; r < 3; r++) {
-          line[q + r] = R[4 * r] * px + R[4 * r + 1] * py + R[4 * r + 2] * pz + R[4 * r + 3];
-          normal[q + r] = R[4 * r] * y0 + R[4 * r + 1] * y1 + R[4 * r + 2] * y2;
+          const e = at + 4 * r;
+          line[q + r] = root[e] * px + root[e + 1] * py + root[e + 2] * pz + root[e + 3];
+          normal[q + r] = root[e] * y0 + root[e + 1] * y1 + root[e + 2] * y2;
         }
       }
     }
@@ -113,8 +114,10 @@ class Recovery {
       kept.forEach((at, i) => { const [p, j] = places[at]; for (let k = 0; k < n; k++) for (let c = 0; c < width; c++) out[(k * kept.length + i) * width + c] = p[name][(k * p.nx + j) * width + c]; });
       return out;
     };
+    const shape = {line: pick("line", 3), normal: pick("normal", 3)};
+    if (!forces) return shape;
     const force = pick("force", 6);
-    return {line: pick("line", 3), normal: pick("normal", 3), force, stress: this.stresses(link, force)};
+    return {...shape, force, stress: this.stresses(link, force)};
   }
   stresses(link, force) {
     const [A, Iy, Iz, Wt] = this.array(link.section), fibres = this.array(link.fibres), all = fibres.length / 2, count = force.length / 6;
@@ -136,7 +139,7 @@ class Recovery {
       if (opposite) { most = bending; least = -bending; }
       const normal = Math.max(axial + most, -(axial + least)), shear = Math.abs(force[o + 3]) / Wt;
       out.axial[k] = axial; out.bending[k] = bending; out.normal[k] = normal; out.shear[k] = shear;
-      out.von_mises[k] = Math.hypot(normal, Math.sqrt(3) * shear);
+      out.von_mises[k] = Math.sqrt(normal * normal + 3 * shear * shear);
     }
     return out;
   }

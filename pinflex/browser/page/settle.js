@@ -21,8 +21,8 @@ function solved({A, n, pivot}, b) {
     const p = pivot[k], x = b[p];
     b[p] = b[k]; b[k] = x;
   }
-  for (let i = 0; i < n; i++) { let x = b[i]; for (let j = 0; j < i; j++) x -= A[i * n + j] * b[j]; b[i] = x; }
-  for (let i = n - 1; i >= 0; i--) { let x = b[i]; for (let j = i + 1; j < n; j++) x -= A[i * n + j] * b[j]; b[i] = x / A[i * n + i]; }
+  for (let i = 0; i < n; i++) { let x = b[i]; for (let j = 0, a = i * n; j < i; j++) x -= A[a++] * b[j]; b[i] = x; }
+  for (let i = n - 1; i >= 0; i--) { let x = b[i]; for (let j = i + 1, a = i * n + j; j < n; j++) x -= A[a++] * b[j]; b[i] = x / A[i * n + i]; }
   return b;
 }
 

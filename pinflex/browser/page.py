@@ -1,0 +1,99 @@
+"""The page that computes: the player's page with the kernel, the scene and its sliders in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinflex.advice.solve import solve
+from pinflex.boundary import public
+from pinflex.browser.recipe import live_scene
+from pinflex.browser.scene import LiveScene, packed, scene_of_page
+from pinflex.browser.wasm import wasm
+from pinflex.description.description import Description, read
+from pinflex.mechanics.mechanism import load
+from pinflex.results.result import Result
+from pinflex.viewer.scene import build_scene
+from pinflex.viewer.view import More, Page, _settings, page_text
+from pinflex.writing import write_text
+
+# In this order one script of the page's other thread.
+WORKER = ("heap", "march", "settle", "start", "recover", "solver", "worker")
+_ALLOWED = " 'wasm-unsafe-eval'; worker-src blob:"  # of the kernel; `eval` stays forbidden
+
+
+@public
+def live_page(
+    model: str | Path | Description,
+    path: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    field: str = "von_mises",
+    scale: float | str = "auto",
+    meshes: Sequence[str | Path] | None = (),
+) -> Page:
+    """Write a page with sliders that solves the scene again in the browser, offline.
+
+        pf.live_page("delta", "delta.html")
+
+    The sliders are payload, speed of the move, damping and stiffness of the gears, as far as the scene
+    has them. Level coupled runs in the page, by the same compiled code as WebAssembly.
+
+    Args:
+        model: YAML file, its folder, a shipped name, or a Description.
+        path: Where to write.
+        overrides: "key.path=value" changes of the YAML.
+        field: Colour, as in `view`. scale: Magnification. meshes: Folders with the URDF's meshes.
+    Returns:
+        The page; it can be used as a path.
+    Raises:
+        DescriptionError: A page cannot run the scene; the message says why.
+        PinflexError: The kernel is not there as WebAssembly, nor can it be compiled.
+    """
+    description = model if isinstance(model, Description) else read(model)
+    description = description.with_overrides(list(overrides))
+    mechanism = load(description)
+    tol = live_scene(mechanism).spec.tol
+    run = solve(mechanism, level="coupled", tol=tol)
+    shown = build_scene(run, None, scale, meshes)
+    live = scene_of_page(description, np.asarray(shown["t"], float))
+    _pick_stations(live, shown, run)
+    page: dict[str, Any] = _settings([run], field, None)
+    page["live"] = {
+        "model": _command(model, overrides), "tol": tol, "motors": list(run.motors),
+        "left_out": live.left_out, "sliders": [
+            {key: x for key, x in s.items() if key != "change"} for s in live.header["sliders"]
+        ],
+    }  # fmt: skip
+    more = More(_text("live.js"), _text("live.css"), packed(live, wasm(), worker_text()), _ALLOWED)
+    return Page(write_text(Path(path), page_text([shown], shown["name"], page, more)))
+
+
+def _pick_stations(live: LiveScene, shown: dict[str, Any], run: Result) -> None:
+    """Let the page compute the stations that it shows."""
+    for link, drawn in zip(live.header["outputs"]["links"], shown["links"], strict=True):
+        every = run.arrays[f"link/{link['name']}/x"]
+        assert link["name"] == drawn["name"]
+        link["kept"] = np.searchsorted(every, drawn["x"] - 1e-9).tolist()
+
+
+def _command(model: Any, overrides: Sequence[str]) -> str:
+    """The model as the command line has it, with its own overrides."""
+    name = model.name if isinstance(model, Description) else str(model)
+    return " ".join([name, *(f"--set '{change}'" for change in overrides)])
+
+
+@cache
+def worker_text() -> str:
+    """The script of the other thread."""
+    return "\n".join(_text(f"{name}.js") for name in WORKER)
+
+
+def _text(name: str) -> str:
+    text = (files("pinflex.browser") / "page" / name).read_text("utf-8")
+    return text.replace("\r\n", "\n")

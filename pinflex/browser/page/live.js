@@ -1,0 +1,154 @@
+/* live.js: sliders in the page, whose every move is a run of its own (worker.js). */
+const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, took: 0};
+
+function livePanel() {
+  const sliders = DATA.live.sliders.map((s) => {
+    live.settings[s.name] = s.value;
+    const output = el("output", {for: "live-" + s.name, class: "live-value"});
+    const input = el("input", {id: "live-" + s.name, type: "range", min: s.low, max: s.high, step: (s.high - s.low) / 200, value: s.value, disabled: true,
+      oninput: (e) => { live.settings[s.name] = +e.target.value; showSlider(s, input, output); ask(); }});
+    live.rows[s.name] = {s, input, output};
+    showSlider(s, input, output);
+    return el("div", {class: "live-row"}, el("label", {for: "live-" + s.name}, s.label), output, input);
+  });
+  const why = Object.entries(DATA.live.left_out), model = DATA.live.model;
+  return el("details", {id: "live", class: "menu"}, el("summary", {}, "Try"),
+    el("div", {class: "panel"},
+      ...sliders,
+      el("div", {class: "live-tools"}, button("Reset", resetLive, {id: "live-reset"}), button("Copy as --set", copyLive, {id: "live-copy", title: "the command that solves just this"})),
+      el("p", {id: "live-status", role: "status"}, "loading …"),
+      el("p", {class: "soft"}, "Every change runs level coupled here, in this page; nothing leaves it."),
+      why.length ? el("p", {class: "soft"}, `By the command line: ${why.map(([name]) => name).join(", ")} (pinflex solve ${model} --set …).`) : null));
+}
+function showSlider(s, input, output) {
+  const x = s.shown * live.settings[s.name], text = s.unit === "×" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
+  output.textContent = text;
+  input.setAttribute("aria-valuetext", text);
+}
+/* Overrides that make a run of the command line the same. */
+function overrides() {
+  const out = [];
+  for (const s of DATA.live.sliders) {
+    const p = live.settings[s.name];
+    if (p === s.value) continue;
+    const times = (x, f) => typeof x === "number" ? x * f : Array.isArray(x) ? x.map((y) => times(y, f)) : x && typeof x === "object" ? Object.fromEntries(Object.entries(x).map(([k, y]) => [k, times(y, f)])) : x;
+    for (const [key, value, power] of s.keys) out.push(`${key}=${JSON.stringify(times(value, p ** power))}`);
+  }
+  return out;
+}
+const commandLine = () => [`pinflex solve ${DATA.live.model} --level coupled --tol ${DATA.live.tol}`, ...overrides().map((x) => `--set '${x}'`)].join(" ");
+async function copyLive() {
+  const text = commandLine();
+  try { await navigator.clipboard.writeText(text); liveSays("copied"); } catch (e) {
+    const area = el("textarea", {readonly: true, rows: 4, "aria-label": "command"});
+    area.value = text;
+    $("live-copy").after(area);
+    area.select();
+    area.addEventListener("blur", () => area.remove());
+  }
+}
+function resetLive() {
+  for (const s of DATA.live.sliders) { const {input, output} = live.rows[s.name]; live.settings[s.name] = s.value; input.value = s.value; showSlider(s, input, output); }
+  ask();
+}
+const liveSays = (text) => { $("live-status").textContent = text; };
+
+function ask() {
+  live.sent++;
+  document.body.classList.add("computing");
+  live.worker.postMessage({id: live.sent, settings: {...live.settings}});
+}
+function hear({data}) {
+  if (data.ready) { live.ready = true; for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = false; liveSays("ready"); return; }
+  if (data.failed && !live.ready) { stopLive(data.failed); return; }
+  if (data.id < live.shown || data.id === undefined) return;
+  if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
+  live.shown = data.id;
+  live.took = data.took;
+  live.got = {...(live.got && live.got.id === data.id ? live.got : {}), ...data};
+  live[data.part](data);
+}
+live.shape = (d) => {
+  const share = (S.t - R.t[0]) / (R.t[R.t.length - 1] - R.t[0] || 1);
+  R.t = Array.from(d.t);
+  for (const k of R.links) { const x = d.links[k.name]; for (const name of ["disp", "y_disp", "y_rigid"]) k[name] = Object.assign(x[name], {shape: k[name].shape}); }
+  for (const b of R.bodies) if (d.bodies[b.name] && b.disp) b.disp = Object.assign(d.bodies[b.name], {shape: b.disp.shape});
+  if (d.track && R.track) Object.assign(R.track, {disp: Object.assign(d.track.disp, {shape: R.track.disp.shape}), deviation: d.track.deviation, angle: d.track.angle});
+  DATA.live.motors.forEach((name, i) => {
+    const y = Float32Array.from(R.t, (_, k) => d.torque[k * DATA.live.motors.length + i]);
+    for (const p of R.plots) for (const c of p.curves) if (c.name === name && !c.rigid && /^motor/.test(p.title)) c.y = y;
+    for (const a of R.torques) if (a.name === name) a.value = y;
+  });
+  for (const p of R.plots) {
+    p.curves = p.curves.filter((c) => !c.rigid);     // of other settings
+    if (p.deviation && d.track) p.curves[0].y = d.track.deviation.map((x) => R.track.factor * x);
+  }
+  live.afresh(share);
+  liveSays("stresses …");
+};
+live.stress = (d) => {
+  for (const k of R.links) {
+    for (const key of Object.keys(k.fields)) if (d.fields[k.name][key]) k.fields[key] = Object.assign(d.fields[k.name][key], {shape: k.fields[key].shape});
+    for (const key of Object.keys(k.sections)) k.sections[key] = Object.assign(d.sections[k.name][key], {shape: k.sections[key].shape});
+  }
+  for (const f of R.forces) if (d.joints[f.name]) Object.assign(f, {vector: Object.assign(d.joints[f.name].vector, {shape: f.vector.shape}), disp: Object.assign(d.joints[f.name].disp, {shape: f.disp.shape})});
+  for (const p of R.plots) if (p.unit === "MPa") for (const c of p.curves) {
+    const k = R.links.find((x) => x.name === c.name), f = k && k.fields.von_mises;
+    if (f) c.y = Float32Array.from(R.t, (_, i) => { let m = 0; for (let j = i * f.shape[1]; j < (i + 1) * f.shape[1]; j++) m = Math.max(m, f[j]); return 1e-6 * m; });
+  }
+  live.afresh(null);
+};
+live.error = (d) => {
+  const worst = Math.max(...Object.values(d.error)), percent = (x) => `${digits(100 * x, 2)} %`;
+  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}`, why: `torque ±${percent(d.error.torque)}, deflection ±${percent(d.error.deflection)}: what a second correction of every step changes`}];
+  if (d.told > 1e-9) told.push({kind: d.told > 1e-3 ? "care" : "plain", text: `tables ±${percent(d.told)}`, why: "tables between those that were made beforehand, of their largest entry"});
+  for (const k of R.links) {
+    const most = 1e-6 * maxAbs(k.fields.von_mises || [0]);
+    if (k.strength > 0 && most > k.strength) told.unshift({kind: "bad", text: `${k.name} beyond yield`, why: `${digits(most)} MPa, yield ${digits(k.strength)} MPa`});
+  }
+  R.verdicts = told;
+  showVerdicts();
+  document.body.classList.remove("computing");
+  liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
+  live.done = d.id;
+};
+/* Everything that was found from the run before, again. */
+live.afresh = (share) => {
+  const nt = R.t.length;
+  scene.peaks = {}; scene.away = {};
+  for (const b of scene.links) { b.fields = linkFields(b.data, nt); b.away = {}; }
+  R.largest = Math.max(0, ...R.links.map((k) => maxAbs(k.disp)));
+  $("time").min = R.t[0]; $("time").max = R.t[nt - 1];
+  if (S.zoom && share !== null) S.zoom = null;
+  setColours();
+  drawPlots();
+  openTable();
+  openBeam();
+  drawPath();
+  seek(share === null ? S.t : R.t[0] + share * (R.t[nt - 1] - R.t[0]));
+};
+function stopLive(why) {
+  for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = true;
+  liveSays(`This browser plays the run, but cannot compute (${why}).`);
+}
+
+async function startLive() {
+  $("tools").prepend(livePanel());
+  const menu = $("live");
+  menu.addEventListener("toggle", () => { if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false; });
+  for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.addEventListener("toggle", () => { if (other.open) menu.open = false; });
+  try {
+    if (!window.WebAssembly || !window.Worker) throw new Error("no WebAssembly");
+    const all = await inflated("pinflex-live"), view = new DataView(all.buffer, all.byteOffset), pieces = [];
+    for (let at = 0; at < all.length;) { const n = view.getUint32(at, true); pieces.push(all.subarray(at + 4, at + 4 + n)); at += 4 + n; }
+    const [wasm, script, head, planes] = pieces, n = planes.length / 8, bytes = new Uint8Array(planes.length);
+    for (let p = 0; p < 8; p++) for (let i = 0; i < n; i++) bytes[8 * i + p] = planes[p * n + i];
+    live.worker = new Worker(URL.createObjectURL(new Blob([script], {type: "text/javascript"})));
+    live.worker.onmessage = hear;
+    live.worker.onerror = (e) => stopLive(e.message || "no worker");
+    const header = JSON.parse(new TextDecoder().decode(head)), values = new Float64Array(bytes.buffer);
+    live.worker.postMessage({wasm: wasm.slice(), header, values});
+    if (window.pinflex) window.pinflex.live = live;
+  } catch (error) { stopLive(error.message); }
+}
+startLive();
