@@ -11,14 +11,22 @@ function livePanel() {
     showSlider(s, input, output);
     return el("div", {class: "live-row"}, el("label", {for: "live-" + s.name}, s.label), output, input);
   });
-  const why = Object.entries(DATA.live.left_out), model = DATA.live.model;
-  return el("details", {id: "live", class: "menu"}, el("summary", {}, "Try"),
-    el("div", {class: "panel"},
-      ...sliders,
-      el("div", {class: "live-tools"}, button("Reset", resetLive, {id: "live-reset"}), button("Copy as --set", copyLive, {id: "live-copy", title: "the command that solves just this"})),
-      el("p", {id: "live-status", role: "status"}, "loading …"),
-      el("p", {class: "soft"}, "Every change runs level coupled here, in this page; nothing leaves it."),
-      why.length ? el("p", {class: "soft"}, `By the command line: ${why.map(([name]) => name).join(", ")} (pinflex solve ${model} --set …).`) : null));
+  const why = Object.keys(DATA.live.left_out);
+  return el("aside", {id: "live", class: "side", "aria-label": "sliders"},
+    el("header", {}, el("h2", {}, "Try"), el("div", {class: "tools"}, button("✕", () => openLive(false), {"aria-label": "close sliders", id: "live-close"}))),
+    ...sliders,
+    el("div", {class: "live-tools"}, button("Reset", resetLive, {id: "live-reset"}), button("Copy as --set", copyLive, {id: "live-copy", title: "the command that solves just this"})),
+    el("p", {id: "live-status", role: "status"}, "loading …"),
+    el("p", {class: "soft"}, "Every change runs level coupled here, in this page: nothing is sent anywhere."),
+    why.length ? el("p", {class: "soft"}, `By the command line alone: ${why.join(", ")} (pinflex solve ${DATA.live.model} --set …).`) : null);
+}
+function openLive(open) {
+  $("live").hidden = !open;
+  document.body.classList.toggle("trying", open);
+  $("live-open").setAttribute("aria-expanded", String(open));
+  if (open) set({link: null, table: false});        // one panel at a time
+  layoutChanged();
+  (open ? $("live-close") : $("live-open")).focus({preventScroll: true});
 }
 function showSlider(s, input, output) {
   const x = s.shown * live.settings[s.name], text = s.unit === "×" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
@@ -133,10 +141,12 @@ function stopLive(why) {
 }
 
 async function startLive() {
-  $("tools").prepend(livePanel());
-  const menu = $("live");
-  menu.addEventListener("toggle", () => { if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false; });
-  for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.addEventListener("toggle", () => { if (other.open) menu.open = false; });
+  $("dock").before(livePanel());
+  $("tools").prepend(button("Try", () => openLive($("live").hidden), {id: "live-open", "aria-controls": "live", title: "change the robot and run it again"}));
+  $("live").hidden = small.matches;               // there the drawing comes first
+  document.body.classList.toggle("trying", !small.matches);
+  $("live-open").setAttribute("aria-expanded", String(!small.matches));
+  layoutChanged();
   try {
     if (!window.WebAssembly || !window.Worker) throw new Error("no WebAssembly");
     const all = await inflated("pinflex-live"), view = new DataView(all.buffer, all.byteOffset), pieces = [];
