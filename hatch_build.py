@@ -47,12 +47,21 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         except Exception as error:
             self.app.display_warning(f"pinflex: no compiled kernel, numpy serves: {error}")
             return
+        made += self._wasm(build, folder)
         self._made = [] if editable else made
         if not editable:
             for path in made:
                 build_data["force_include"][str(path)] = f"pinflex/kernel/{path.name}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{build.TARGETS[target][1]}"
+
+    def _wasm(self, build: Any, folder: Path) -> list[Path]:
+        """The kernel that pages carry; without it they compile it, or say what to install."""
+        try:
+            return [build.compile_wasm(folder / build.wasm_name())]
+        except RuntimeError as error:
+            self.app.display_warning(f"pinflex: no kernel for pages that compute: {error}")
+            return []
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what was compiled outside the source tree."""

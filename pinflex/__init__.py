@@ -26,6 +26,7 @@ Where the code is; each package imports only those above it:
     advice        which level, links, planes, modes and tolerance a scene needs; error bars
     inversion     motor motions that the flexible robot's platform follows; linear models
     viewer        a result as a page, pictures, films and figures; reads `results` alone
+    browser       a page that solves its scene again: the kernel as WebAssembly, sliders
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
     variation     derivatives, best parameters, scatter, and a fit to measurements
     lab           published cases that `pinflex verify` measures
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from pinflex.advice.advise import advise
     from pinflex.advice.proposal import Advice
     from pinflex.advice.solve import LEVELS, solve
+    from pinflex.browser.page import live_page
     from pinflex.description.blocks.control import (
         Control,
         Deflection,
@@ -175,6 +177,7 @@ __all__ = [
     "inverse_dynamics",
     "linear_statics",
     "linearise",
+    "live_page",
     "load",
     "modes",
     "moves",
@@ -327,6 +330,7 @@ _HOME = {
     "solver.solve": ("recompute",),
     "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
+    "browser.page": ("live_page",),
 }
 # Words of other toolkits, and what is called so here.
 _MEANT = {

@@ -26,15 +26,20 @@ def add(commands: parser.Commands) -> None:
         "an animation of a saved run",
         """
 Writes one page that plays in any browser, offline, and opens it. Several runs of one robot share
-the page, which switches, overlays and subtracts them; the last is shown first.""",
+the page, which switches, overlays and subtracts them; the last is shown first.
+
+With --live-page and a model in place of runs the page has sliders (payload, speed of the move, damping)
+and solves the scene again in the browser at every move of one.""",
         "pinflex view run.npz --field bending --scale 20\n"
         "  pinflex view run.npz --png worst --gif\n"
-        "  pinflex view delta-compare/*.npz",
+        "  pinflex view delta-compare/*.npz\n"
+        "  pinflex view delta --live-page delta.html",
         model=False,
     )
     p.add_argument(
-        "runs", metavar="RUN.npz", nargs="+", help="from `pinflex solve -o` or `pinflex compare`"
-    )
+        "runs", metavar="RUN.npz", nargs="+",
+        help="from `pinflex solve -o` or `pinflex compare`; with --live-page a MODEL",
+    )  # fmt: skip
     p.add_argument("-o", "--output", metavar="FILE.html", help="default: beside the run")
     p.add_argument(
         "--field",
@@ -48,6 +53,12 @@ the page, which switches, overlays and subtracts them; the last is shown first."
     )
     p.add_argument("--rigid", metavar="RUN.npz", help="rigid run to compare with")
     parser.repeated(p, "--meshes", "DIR", "folder with the URDF's meshes; may be repeated")
+    p.add_argument(
+        "--live-page",
+        metavar="FILE.html",
+        help="write a page that solves MODEL again as its sliders move (pip install 'pinflex[page]')",
+    )
+    parser.repeated(p, "--set", "KEY=VALUE", "with --live-page: change the YAML; may be repeated")
     p.add_argument("--no-open", action="store_true", help="only write the page")
     p.add_argument("--png", metavar="T", help="also a picture at T s, or at the worst instant")
     p.add_argument("--gif", action="store_true", help="also a film as .gif")
@@ -81,7 +92,30 @@ def run(args: argparse.Namespace) -> int:
         ) from error
 
 
+def _live_page(args: argparse.Namespace) -> int:
+    from pinflex.browser.page import live_page
+
+    if len(args.runs) != 1:
+        raise DescriptionError("view: --live-page takes one model. Name its YAML or folder.")
+    with working("preparing the page"):
+        page = live_page(
+            args.runs[0], args.live_page, args.set, field=args.field, scale=args.scale,
+            meshes=args.meshes,
+        )  # fmt: skip
+    if args.json:
+        print_json({"file": page.path})
+    else:
+        print(page)
+    if not args.no_open:
+        page.open()
+    return 0
+
+
 def _run(args: argparse.Namespace) -> int:
+    if args.live_page is not None:
+        return _live_page(args)
+    if args.set:
+        raise DescriptionError("view: --set changes a model: it goes with --live-page.")
     from pinflex.results import archive
     from pinflex.results.result import Result
     from pinflex.viewer import live

@@ -238,6 +238,13 @@ class Page:
     def __str__(self) -> str:
         return str(self.path)
 
+    def open(self) -> None:
+        """Open the page in a browser, where somebody would see it."""
+        if has_desktop():
+            import webbrowser
+
+            webbrowser.open(self.path.resolve().as_uri())
+
     def _repr_html_(self) -> str:
         # a frame of its own, which may run the player's scripts and nothing of the notebook's
         page = html.escape(self.path.read_text("utf-8"))
@@ -297,11 +304,10 @@ def view(
         written = write_html(result, path, **options)
     else:
         written = write_runs_html(runs, path, **{"first": next(reversed(runs), None), **options})
-    if open_browser and has_desktop():
-        import webbrowser
-
-        webbrowser.open(written.resolve().as_uri())
-    return Page(written)
+    page = Page(written)
+    if open_browser:
+        page.open()
+    return page
 
 
 def has_desktop() -> bool:

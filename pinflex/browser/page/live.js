@@ -55,8 +55,13 @@ async function copyLive() {
     area.addEventListener("blur", () => area.remove());
   }
 }
-function resetLive() {
-  for (const s of DATA.live.sliders) { const {input, output} = live.rows[s.name]; live.settings[s.name] = s.value; input.value = s.value; showSlider(s, input, output); }
+const resetLive = () => moveSliders(Object.fromEntries(DATA.live.sliders.map((s) => [s.name, s.value])));
+function moveSliders(settings) {
+  for (const [name, value] of Object.entries(settings)) {
+    const {s, input, output} = live.rows[name];
+    live.settings[name] = value; input.value = value;
+    showSlider(s, input, output);
+  }
   ask();
 }
 const liveSays = (text) => { $("live-status").textContent = text; };
@@ -158,7 +163,8 @@ async function startLive() {
     live.worker.onerror = (e) => stopLive(e.message || "no worker");
     const header = JSON.parse(new TextDecoder().decode(head)), values = new Float64Array(bytes.buffer);
     live.worker.postMessage({wasm: wasm.slice(), header, values});
-    if (window.pinflex) window.pinflex.live = live;
+    Object.assign(live, {sliders: DATA.live.sliders, overrides, commandLine, move: moveSliders});
+    window.pinflex.live = live;                     // what a script may ask
   } catch (error) { stopLive(error.message); }
 }
 startLive();

@@ -1,0 +1,42 @@
+"""The run that a page is to make, by the native kernel: the same steps, each corrected twice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinflex.actuation.drive import breaks
+from pinflex.arrays import Array
+from pinflex.browser.inputs import tabulate
+from pinflex.browser.recipe import TOGETHER, live_scene
+from pinflex.integrators import march
+from pinflex.integrators.run import Run
+from pinflex.levels.outputs import Outputs
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.solver.judge import Expected, Judge
+
+PART = 0.5  # of the tolerance: the resolution of the steps of a page
+
+
+def native_run(mechanism: Mechanism, t: Array) -> Run:
+    """The run at samples t (s), in steps of the page's resolution, none of them sent back."""
+    scene = live_scene(mechanism)
+    tol, dynamics = scene.spec.tol or 1e-3, scene.equations()
+    asked = Outputs(mechanism, scene.motion, t, ("torque", "deflection", "platform"), dynamics)
+    jumps = breaks(scene.motion, dynamics.system.loads)
+
+    def keeper(steps: march.Radau) -> Judge:
+        tabulate(steps, scene.motion, (float(t[0]), float(t[-1])), jumps)
+        return Judge(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False)
+
+    before, march.TOGETHER = march.TOGETHER, TOGETHER
+    try:
+        return scene.kept(t, PART * tol, keeper, march.SHORT, 0.0, None, judge=dynamics)
+    finally:
+        march.TOGETHER = before
+
+
+def apart(found: object, wanted: Array) -> float:
+    """Largest difference of two histories over the largest value of the second."""
+    wanted = np.asarray(wanted, float)
+    away = np.abs(np.asarray(found, float).reshape(wanted.shape) - wanted)
+    return float(away.max() / np.abs(wanted).max())
