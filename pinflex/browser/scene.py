@@ -40,8 +40,9 @@ def scene_of_page(description: Description, t: Array) -> LiveScene:
     Raises:
         DescriptionError: A page cannot run it.
     """
-    live_scene(load(description))  # a payload would be told instead of what is the matter
-    proposed = sliders.proposed(description)
+    mechanism = load(description)
+    live_scene(mechanism)  # a payload would be told instead of what is the matter
+    proposed = sliders.proposed(mechanism)
     # Absent, not zeroed, in every other run; here it has to be there to be moved.
     base = [x for s in proposed if s.name == sliders.PAYLOAD for x in s.overrides(1.0)]
     found = sliders.changes(description, proposed, tables_of, base)

@@ -22,6 +22,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 
 Tables = dict[str, Array]
 _NODES = 7  # of what is no straight line
+_SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
 PAYLOAD = "payload"  # name of the block that a payload is written as
 
@@ -85,15 +86,15 @@ def _times(value: Any, factor: float) -> Any:
     return value * factor if isinstance(value, float | int) else value
 
 
-def proposed(description: Description) -> list[Slider]:
+def proposed(mechanism: Mechanism) -> list[Slider]:
     """Sliders that a scene may have, from its YAML."""
-    raw = description.blocks()
-    found = [*_payload(description), *_speed(raw), *_damping(raw), *_gears(raw), *_sections(raw)]
-    return found
+    raw = mechanism.description.blocks()
+    return [*_payload(mechanism), *_speed(raw), *_damping(raw), *_gears(raw), *_sections(raw)]
 
 
-def _payload(description: Description) -> list[Slider]:
+def _payload(mechanism: Mechanism) -> list[Slider]:
     """A point mass at the platform: inertia there, and its weight as a force."""
+    description = mechanism.description
     at, g = description.platform, [float(x) for x in description.gravity]
     if not at:
         return []
@@ -101,7 +102,14 @@ def _payload(description: Description) -> list[Slider]:
     keys: list[tuple[str, Any, int]] = [(f"added_masses.{PAYLOAD}", mass, 1)]
     if any(g):
         keys.append((f"forces.{PAYLOAD}", {"at": at, "force": g}, 1))
-    return [Slider(PAYLOAD, "payload", "kg", 0.0, 5.0, 0.0, tuple(keys))]
+    whole = sum(float(body.mass) for body in mechanism.rigid.rigid.inertias)
+    return [Slider(PAYLOAD, "payload", "kg", 0.0, _round(_SHARE * whole), 0.0, tuple(keys))]
+
+
+def _round(x: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above a number."""
+    power = 10.0 ** np.floor(np.log10(max(x, 1e-12)))
+    return float(max(k for k in (1, 2, 5) if k * power <= x * (1 + 1e-9)) * power)
 
 
 _TIMES, _RATES = ("duration", "ramp", "start", "smooth"), ("omega", "frequency", "speed")

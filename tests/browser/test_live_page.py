@@ -1,0 +1,207 @@
+"""A page that computes: its runs are those of the command line, offline, for everybody.
+
+Each robot's page is opened once. What it is held against is a run of another program: the native kernel
+in the same steps (round-off apart), and `pf.solve` within a hundredth of the page's tolerance.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.kernel.build import _has_zig
+from tests.browser.chromium import CHROMIUM, DRIVER, Browser
+from tests.browser.native import apart, native_run
+from tests.browser.places import apart as places_apart
+from tests.browser.places import violations
+
+AXE = Path(__file__).with_name("axe") / "axe.min.js"
+TOL = 1e-3  # of the pages
+# Torque by the native kernel in the same steps, of its largest: Newton stops at 5e-5 of a step's
+# motion, and which digits it leaves there depends on the order of sums, which differs by machine.
+# Open chains 3e-12 (seen); loops are closed to 1e-16 m, which counts as acceleration by 1 / h^2.
+SAME = {"ur5": 1e-10, "delta": 1e-7, "3rrr": 1e-5}
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Pages by model, made when first asked for."""
+    pytest.importorskip("selenium", reason="selenium is not installed")
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("chromium or chromedriver is not installed")
+    if not _has_zig():
+        pytest.skip("ziglang is not installed: no kernel as WebAssembly")
+    folder, made = tmp_path_factory.mktemp("live"), dict[str, Path]()
+
+    def page(model: str) -> Path:
+        if model not in made:
+            made[model] = pf.live_page(model, folder / f"{model}.html").path
+        return made[model]
+
+    return page
+
+
+def opened(browser: Browser, page: Path, size: tuple[int, int] = (1280, 800)) -> None:
+    """Open a page and wait for its kernel."""
+    browser.open(page, "sharp=0.3", size=size)
+    _until(browser, "return !!(pinflex.live && pinflex.live.ready)")
+
+
+def _until(browser: Browser, script: str) -> None:
+    for _ in range(1200):
+        if browser.run(script):
+            return
+        time.sleep(0.05)
+    raise AssertionError(browser.run("return document.getElementById('live-status').textContent"))
+
+
+GOT = """
+const g = pinflex.live.got;
+return {t: [...g.t], torque: [...g.torque], position: [...g.track.position], error: g.error,
+  stress: Object.fromEntries(Object.entries(g.fields).map(([k, f]) => [k, [...f.von_mises]])),
+  overrides: pinflex.live.overrides(), command: pinflex.live.commandLine()}"""
+
+
+def moved(browser: Browser, settings: dict[str, float]) -> dict[str, Any]:
+    """What the page has computed at settings of its sliders."""
+    browser.run("pinflex.live.move(arguments[0])", settings)
+    _until(browser, "return pinflex.live.done === pinflex.live.sent")
+    return dict(browser.run(GOT))
+
+
+def _somewhere(browser: Browser, rng: np.random.Generator) -> dict[str, float]:
+    ranges = browser.run(
+        "return Object.fromEntries(pinflex.live.sliders.map((s) => [s.name, [s.low, s.high]]))"
+    )
+    return {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
+
+
+@pytest.mark.parametrize("model", ["ur5", "delta", "3rrr"])
+def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
+    opened(browser, pages(model))
+    rng = np.random.default_rng(31)
+    found = moved(browser, _somewhere(browser, rng))
+    mechanism = pf.load(model, found["overrides"])  # the page's own text
+    t = np.array(found["t"])
+    same = native_run(mechanism, t)
+    assert apart(found["torque"], same.torque) < SAME[model]
+
+    run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
+    assert np.allclose(t, run.t, rtol=1e-14)
+    # What the page tells is an estimate: 0.2 to 0.95 of it were true in sixty runs.
+    assert apart(found["torque"], run.torque) < 1.5 * found["error"]["torque"]
+    platform = run.frames[mechanism.description.platform].position
+    rigid = pf.solve(mechanism, level="rigid", samples=len(t))
+    bent = platform - rigid.frames[mechanism.description.platform].position
+    off = np.array(found["position"]).reshape(-1, 3) - platform
+    assert np.abs(off).max() < TOL * np.abs(bent).max()
+    for name, stress in found["stress"].items():
+        wanted = run.arrays[f"link/{name}/stress/von_mises"].max()
+        assert max(stress) == pytest.approx(wanted, rel=TOL), name
+    assert browser.errors() == []
+
+
+def test_tables_of_the_page_are_those_of_the_command_line(pages, browser):
+    """Where every table is a straight line of its slider nothing is told of tables, and rightly."""
+    opened(browser, pages("ur5"))
+    kinds = browser.run("return pinflex.live.sliders.map((s) => s.name)")
+    assert kinds[:3] == ["payload", "speed", "damping"]
+    found = moved(browser, {"payload": 1.0, "speed": 2.0, "damping": 3.0})
+    # 2.0 is exact in binary: the page's overrides are those that anybody would type
+    assert "motion.duration=0.25" in found["overrides"]
+    assert found["command"].startswith("pinflex solve ur5 --level coupled --tol 0.001 --set ")
+    assert "tables" not in browser.run("return document.getElementById('chips').textContent")
+
+
+def test_a_page_computes_offline_without_eval(browser, pages):
+    opened(browser, pages("ur5"))
+    text = pages("ur5").read_text("utf-8")
+    policy = text.split('http-equiv="Content-Security-Policy" content="')[1].split('"')[0]
+    rules = dict(rule.split(maxsplit=1) for rule in policy.split("; "))
+    assert rules["default-src"] == "'none'"
+    assert rules["worker-src"] == "blob:"
+    assert "unsafe-inline" not in rules["script-src"]
+    assert "'unsafe-eval'" not in rules["script-src"]
+    browser.run("window.evil = 0; setTimeout('window.evil = 1', 0)")  # text as a program
+    moved(browser, {"payload": 1.0})
+    loaded = browser.run("return performance.getEntriesByType('resource').map((e) => e.name)")
+    assert [name for name in loaded if not name.startswith(("blob:", "data:"))] == []
+    assert browser.run("return window.evil") == 0
+
+
+def test_a_page_that_computes_is_not_much_larger(pages, tmp_path):
+    today = pf.view(pf.solve(pf.load("delta"), level="coupled", tol=TOL), tmp_path / "today.html")
+    grown = pages("delta").stat().st_size - today.path.stat().st_size
+    assert 0 < grown < 300_000  # bytes
+
+
+def test_sliders_answer_to_keys_and_reset(browser, pages):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, pages("ur5"))
+    before = browser.run("return [...pinflex.curves.at(-1)]")
+    slider = browser.driver.find_element("id", "live-damping")
+    slider.send_keys(Keys.HOME)
+    _until(browser, "return pinflex.live.done === pinflex.live.sent")
+    assert slider.get_attribute("aria-valuetext") == "×0.200"
+    changed = browser.run("return [...pinflex.curves.at(-1)]")
+    assert changed != before
+    browser.driver.find_element("id", "live-reset").send_keys(Keys.ENTER)
+    _until(browser, "return pinflex.live.done === pinflex.live.sent")
+    assert browser.run("return pinflex.live.overrides()") == []
+    assert browser.run("return pinflex.live.commandLine()") == (
+        "pinflex solve ur5 --level coupled --tol 0.001"
+    )
+
+
+def test_a_run_that_fails_leaves_the_last_one(browser, pages):
+    """No equilibrium to start from: the page says what the command line would take."""
+    opened(browser, pages("3rrr"))
+    good = moved(browser, {"payload": 0.1})
+    browser.run("pinflex.live.move({payload: 1e6})")
+    said = "return document.getElementById('live-status').textContent"
+    _until(browser, f"{said}.startsWith('No run')".replace("return ", "return ", 1))
+    assert "pinflex solve 3rrr --level coupled" in browser.run(said)
+    curves = browser.run("return pinflex.live.got.torque[3]")
+    assert curves == good["torque"][3]
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844), (844, 390)])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_every_window_has_room_for_the_sliders(size, theme, browser, pages):
+    feature = {"name": "prefers-color-scheme", "value": theme}
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+    opened(browser, pages("ur5"), size)
+    if browser.run("return document.getElementById('live').hidden"):
+        browser.run("document.getElementById('live-open').click()")
+    browser.run(AXE.read_text("utf-8"))
+    assert violations(browser) == []
+    places_apart(browser, "")
+    width = browser.run("return document.documentElement.scrollWidth")
+    assert width <= size[0]
+
+
+def test_without_webassembly_a_page_plays(browser, pages, tmp_path):
+    """As where a browser has none: the run is there, sliders are not for use, and it says so."""
+    page = tmp_path / "old.html"
+    text = pages("ur5").read_text("utf-8")
+    page.write_text(text.replace(" 'wasm-unsafe-eval'", ""), "utf-8")
+    browser.open(page, "sharp=0.3", size=(1280, 800))
+    _until(browser, "return document.getElementById('live-status').textContent.includes('cannot')")
+    assert browser.run("return document.getElementById('live-payload').disabled")
+    browser.run("pinflex.seek(0.2)")
+    assert browser.run("return pinflex.state.t") == pytest.approx(0.2)
+
+
+@pytest.fixture(autouse=True)
+def light_again(request: pytest.FixtureRequest) -> Iterator[None]:
+    yield
+    if "browser" in request.fixturenames:
+        driver = request.getfixturevalue("browser").driver
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
