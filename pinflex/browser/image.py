@@ -1,7 +1,7 @@
 """What a run hands the kernel, its arrays and structures, laid out anew for WebAssembly.
 
-Structures are those of the C sources (`pinflex.kernel.header`); there pointers take four bytes. What
-they point to is found by its address, so that no field is listed here.
+Structures are those of the C sources (`pinflex.kernel.header`); there pointers take four bytes.
+What they point to is found by its address, so that no field is listed here.
 """
 
 from __future__ import annotations

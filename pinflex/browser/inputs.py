@@ -1,7 +1,7 @@
 """The motion of a run as a table that the kernel reads, of platform motions too.
 
-Motors follow a platform by a spline of fifth degree through poses (`pinflex.actuation.drive`), which no
-polynomial of a whole piece of the motion meets to round-off: each span of the spline is one then.
+Motors follow a platform by a spline of fifth degree through poses (`pinflex.actuation.drive`),
+which no polynomial of a whole piece of the motion meets to round-off: each span of it is one then.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def tabulate(
     table = tabulated(radau.at, kinds, *ends, corners) or _spline(radau, ends, inner)
     if table is None:
         raise DescriptionError(
-            f"{motion.kind}: a motion that is no smooth function of time between its breaks: a page "
-            "that computes cannot prescribe it."
+            f"{motion.kind}: a motion that is no smooth function of time between its breaks: a "
+            "page that computes cannot prescribe it."
         )
     radau.compiled.table = asked_for, table
 

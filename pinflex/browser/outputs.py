@@ -1,7 +1,7 @@
-"""What the page computes from the states of a run: poses, forces, stresses; as `pinflex.recovery` does.
+"""What the page computes from the states of a run as `pinflex.recovery` does: poses, stresses.
 
-Everything here is read off the mechanism: which nodes of the kernel's tree carry what, and the sections
-of the links. Arrays are named, so that a slider that changes them finds them.
+Everything here is read off the mechanism: which nodes of the kernel's tree carry what, and the
+sections of the links. Arrays are named, so that a slider that changes them finds them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ def outputs(mechanism: Mechanism, system: System, keep: Keep) -> dict[str, Any]:
         links.append({
             "name": name,
             "pieces": [
-                _piece(f"link/{name}/{k}", slot, system, keep, place) for k, slot in enumerate(slots)
+                _piece(f"link/{name}/{k}", slot, system, keep, place)
+                for k, slot in enumerate(slots)
             ],
             "section": keep(
                 f"link/{name}/section", [section.A, section.Iy, section.Iz, section.Wt]

@@ -1,8 +1,8 @@
 """A run of level coupled as the kernel in a page needs it: tables, steps, corrections, start.
 
-The page takes the steps of a run within a tolerance (`pinflex.solver.one_run`): Radau IIA, each step
-corrected twice; the first correction is answered, the second tells its error. The resolution of the
-steps stays as it is given: nothing is sent back.
+The page takes the steps of a run within a tolerance (`pinflex.solver.one_run`): Radau IIA, each
+step corrected twice; the first correction is answered, the second tells its error. The resolution
+of the steps stays as it is given: nothing is sent back.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Numbers of a scene that a page may change, and what each does to the tables of the kernel.
 
-A slider p stands for overrides `key = value * p^power`, which the page writes as `--set`. Tables are
-made at some p: where they are straight lines of p the page takes the line; where all that changes is in
-proportion to p, the factor; else the polynomial through Chebyshev points, whose error between them is
-measured here and told there. The speed of the move stretches time.
+A slider p stands for overrides `key = value * p^power`, which the page writes as `--set`. Tables
+are made at some p: where they are straight lines of p the page takes the line; where all that
+changes is in proportion to p, the factor; else the polynomial through Chebyshev points, whose error
+between them is measured here and told there. The speed of the move stretches time.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 
 Tables = dict[str, Array]
+TIMES = "times"  # unit of factors
 _NODES = 7  # of what is no straight line
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
@@ -64,7 +65,7 @@ class Change:
 
     kind: str
     nodes: Array
-    entries: dict[str, Array]
+    entries: dict[str, IntArray]
     values: dict[str, Array]
     error: float = 0.0
 
@@ -125,7 +126,7 @@ def _speed(raw: dict[str, Any]) -> list[Slider]:
         keys.append(("solve.until", float(solve["until"]), -1))
     if not any(key.startswith("motion.") for key, _, _ in keys):
         return []
-    return [Slider("speed", "speed of the move", "×", 0.5, 2.0, 1.0, tuple(keys), acts="time")]
+    return [Slider("speed", "speed of the move", TIMES, 0.5, 2.0, 1.0, tuple(keys), acts="time")]
 
 
 def _damping(raw: dict[str, Any]) -> list[Slider]:
@@ -135,7 +136,7 @@ def _damping(raw: dict[str, Any]) -> list[Slider]:
         keys.append(("damping.rayleigh", [float(x) for x in block["rayleigh"]], 1))
     if isinstance(block, dict) and block.get("modal"):
         keys.append(("damping.modal", float(block["modal"]), 1))
-    return [Slider("damping", "damping", "×", 0.2, 5.0, 1.0, tuple(keys))] if keys else []
+    return [Slider("damping", "damping", TIMES, 0.2, 5.0, 1.0, tuple(keys))] if keys else []
 
 
 def _gears(raw: dict[str, Any]) -> list[Slider]:
@@ -148,7 +149,7 @@ def _gears(raw: dict[str, Any]) -> list[Slider]:
         and isinstance(block.get("drive"), dict)
         and _is_number(block["drive"].get("stiffness"))
     ]
-    return [Slider("gear", "gear stiffness", "×", 0.3, 3.0, 1.0, tuple(keys))] if keys else []
+    return [Slider("gear", "gear stiffness", TIMES, 0.3, 3.0, 1.0, tuple(keys))] if keys else []
 
 
 def _sections(raw: dict[str, Any]) -> list[Slider]:
@@ -237,7 +238,7 @@ def _polynomial(
     weights[[0, -1]] *= 0.5
     W = weights / (between[:, None] - nodes)
     W /= W.sum(axis=1, keepdims=True)
-    entries, values, error = dict[str, Array](), dict[str, Array](), 0.0
+    entries, values, error = dict[str, IntArray](), dict[str, Array](), 0.0
     for name in found[0]:
         every = np.array([x[name] for x in found])
         e = np.flatnonzero(np.ptp(every, axis=0))

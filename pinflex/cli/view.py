@@ -28,8 +28,8 @@ def add(commands: parser.Commands) -> None:
 Writes one page that plays in any browser, offline, and opens it. Several runs of one robot share
 the page, which switches, overlays and subtracts them; the last is shown first.
 
-With --live-page and a model in place of runs the page has sliders (payload, speed of the move, damping)
-and solves the scene again in the browser at every move of one.""",
+With --live-page and a model in place of runs the page has sliders (payload, speed of the move,
+damping) and solves the scene again in the browser at every move of one.""",
         "pinflex view run.npz --field bending --scale 20\n"
         "  pinflex view run.npz --png worst --gif\n"
         "  pinflex view delta-compare/*.npz\n"
@@ -56,7 +56,7 @@ and solves the scene again in the browser at every move of one.""",
     p.add_argument(
         "--live-page",
         metavar="FILE.html",
-        help="write a page that solves MODEL again as its sliders move (pip install 'pinflex[page]')",
+        help="write a page that solves MODEL again as sliders move (pip install 'pinflex[page]')",
     )
     parser.repeated(p, "--set", "KEY=VALUE", "with --live-page: change the YAML; may be repeated")
     p.add_argument("--no-open", action="store_true", help="only write the page")

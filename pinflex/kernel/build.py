@@ -34,8 +34,8 @@ TARGETS = {
     "macos-x86_64": ("x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
     "macos-aarch64": ("aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib"),
 }
-# The kernel of a page that computes: 128 bits are what every browser has, and products are not fused
-# there. What a page calls is named, so that the rest (level ked, energies) is left out.
+# The kernel of a page that computes: 128 bits are what every browser has, and products are not
+# fused there. What a page calls is named, so that the rest (level ked, energies) is left out.
 WASM_FLAGS = (
     *("-std=c11", "-O2", "-msimd128", "-s", "-mexec-model=reactor", "-fvisibility=hidden"),
     *("-ffp-contract=off", "-fno-math-errno", "-Wno-psabi"),

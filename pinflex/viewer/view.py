@@ -138,9 +138,9 @@ STYLE = ("theme", "layout", "stage", "dock", "beam", "small")
 COARSE = {"disp": 2**16, "y_disp": 2**12, "fields": 2**16, "sections": 2**12}
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src {hashes}{allowed}; \
-style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; base-uri 'none'; \
-form-action 'none'">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; \
+script-src {hashes}{allowed}; style-src 'unsafe-inline'; img-src data: blob:; \
+media-src blob:; base-uri 'none'; form-action 'none'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <meta name="generator" content="pinflex"><title>{title}</title>

@@ -1,7 +1,7 @@
 """A page that computes: its runs are those of the command line, offline, for everybody.
 
-Each robot's page is opened once. What it is held against is a run of another program: the native kernel
-in the same steps (round-off apart), and `pf.solve` within a hundredth of the page's tolerance.
+What it is held against is a run of another program: the native kernel in the same steps (round-off
+apart), and `pf.solve` within a hundredth of the page's tolerance.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def test_sliders_answer_to_keys_and_reset(browser, pages):
     slider = browser.driver.find_element("id", "live-damping")
     slider.send_keys(Keys.HOME)
     _until(browser, "return pinflex.live.done === pinflex.live.sent")
-    assert slider.get_attribute("aria-valuetext") == "×0.200"
+    assert slider.get_attribute("aria-valuetext") == "\u00d70.200"
     changed = browser.run("return [...pinflex.curves.at(-1)]")
     assert changed != before
     browser.driver.find_element("id", "live-reset").send_keys(Keys.ENTER)

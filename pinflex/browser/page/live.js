@@ -29,7 +29,7 @@ function openLive(open) {
   (open ? $("live-close") : $("live-open")).focus({preventScroll: true});
 }
 function showSlider(s, input, output) {
-  const x = s.shown * live.settings[s.name], text = s.unit === "×" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
+  const x = s.shown * live.settings[s.name], text = s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
   output.textContent = text;
   input.setAttribute("aria-valuetext", text);
 }

@@ -1,0 +1,96 @@
+"""Sliders of a page: what they stand for, and what they do to the tables of the kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.browser.recipe import live_scene, tables_of
+from pinflex.browser.sliders import changes, proposed
+
+ARM = """<robot name="arm"><link name="base"/><link name="beam"/>{tool}
+<joint name="motor" type="revolute"><parent link="base"/><child link="beam"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" effort="1e3" velocity="99"/></joint>
+<joint name="end" type="fixed"><parent link="beam"/><child link="tool"/>
+<origin xyz="0.5 0 0"/></joint>
+</robot>"""
+HEAVY = """<inertial><mass value="2"/>
+<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>"""
+SCENE = """
+urdf: arm.urdf
+gravity: [0, 0, -9.81]
+platform: tool
+flexible:
+  beam:
+    material: aluminium_6061
+    section: {shape: rectangle, width: 0.02, thickness: 0.01}
+    start: beam
+    end: tool
+damping: {rayleigh: [0, 1.0e-4]}
+motion: {kind: quintic, joints: {motor: 1.0}, duration: 0.5}
+solve: {level: coupled, samples: 21}
+"""
+
+
+def arm(folder, tool="<link name='tool'/>"):
+    folder.mkdir(exist_ok=True)
+    (folder / "arm.urdf").write_text(ARM.format(tool=tool))
+    (folder / "arm.yaml").write_text(SCENE)
+    return folder / "arm.yaml"
+
+
+def test_a_payload_is_a_point_mass_of_the_platform(tmp_path):
+    """As an override it does what the same mass does in the URDF: inertia and weight."""
+    slider = proposed(pf.load("ur5"))[0]
+    assert slider.name == "payload"
+    light = arm(tmp_path / "light")
+    keys = next(s for s in proposed(pf.load(light)) if s.name == "payload")
+    added = pf.load(light, keys.overrides(2.0))
+    heavy = pf.load(arm(tmp_path / "heavy", f"<link name='tool'>{HEAVY}</link>"))
+    a, b = (pf.solve(m, tol=1e-7) for m in (added, heavy))
+    # Both runs are within their tolerance of one motion: twice 1e-7 of torques and deflections.
+    assert np.abs(a.torque - b.torque).max() < 1e-6 * np.abs(b.torque).max()
+
+
+def test_speed_stretches_time_alone():
+    """Rigid inertia torques of a robot without gravity go with the square of speed."""
+    slider = next(s for s in proposed(pf.load("3rrr")) if s.name == "speed")
+    slow, fast = (
+        pf.solve(pf.load("3rrr", slider.overrides(p)), level="rigid", samples=21)
+        for p in (1.0, 2.0)
+    )
+    assert fast.t[-1] == pytest.approx(slow.t[-1] / 2, rel=1e-14)
+    # gravity is zero there, and motors have no friction: round-off of inverse dynamics
+    assert np.abs(fast.torque - 4.0 * slow.torque).max() < 1e-9 * np.abs(fast.torque).max()
+
+
+def test_what_a_slider_does_is_found_in_the_tables(tmp_path):
+    """At a place between those that were looked at, lines and factors are exact to round-off."""
+    description = pf.load(arm(tmp_path)).description
+    sliders = proposed(pf.load(description))
+    base = sliders[0].overrides(1.0)
+    found = changes(description, sliders, tables_of, base)
+    kinds = {name: change.kind for name, change in found.changes.items()}
+    assert kinds["payload"] == "line"
+    assert kinds["damping"] == "factor"
+    origin = tables_of(pf.load(description, base))
+    payload, damping = (next(s for s in sliders if s.name == n) for n in ("payload", "damping"))
+    there = tables_of(pf.load(description, [*payload.overrides(0.37), *damping.overrides(2.3)]))
+    made = {name: x.copy() for name, x in origin.items()}
+    change = found.changes["payload"]
+    for name, at in change.entries.items():
+        slopes = change.values[name][len(at) :]
+        made[name][at] += (0.37 - 1.0) * slopes
+    for name, at in found.changes["damping"].entries.items():
+        made[name][at] *= 2.3
+    for name, wanted in there.items():
+        # 1e-12: ten roundings of numbers that differ by as many powers of ten
+        assert np.abs(made[name] - wanted).max() <= 1e-12 * np.abs(wanted).max() + 1e-300, name
+
+
+def test_a_page_says_what_it_cannot_run():
+    with pytest.raises(pf.DescriptionError, match="no sleeve on a beam"):
+        live_scene(pf.load("prprp"))
+    with pytest.raises(pf.DescriptionError, match="no link to bend"):
+        live_scene(pf.load("cassie"))
