@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -24,6 +25,7 @@ from pinflex.writing import write_text
 
 # In this order one script of the page's other thread.
 WORKER = ("heap", "march", "settle", "start", "recover", "solver", "worker")
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _ALLOWED = " 'wasm-unsafe-eval'; worker-src blob:"  # of the kernel; `eval` stays forbidden
 
 
@@ -90,8 +92,9 @@ def _command(model: Any, overrides: Sequence[str]) -> str:
 
 @cache
 def worker_text() -> str:
-    """The script of the other thread."""
-    return "\n".join(_text(f"{name}.js") for name in WORKER)
+    """The script of the other thread, without comments and indentation: the page is to be small."""
+    script = _COMMENT.sub("", "\n".join(_text(f"{name}.js") for name in WORKER))
+    return "\n".join(line for line in map(str.strip, script.splitlines()) if line)
 
 
 def _text(name: str) -> str:

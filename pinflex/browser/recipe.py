@@ -14,10 +14,11 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.actuation.nominal import nominal
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.browser.image import Image
 from pinflex.browser.inputs import tabulate
 from pinflex.browser.outputs import outputs
+from pinflex.browser.pattern import widened
 from pinflex.errors import DescriptionError
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
@@ -93,8 +94,13 @@ def times(scene: Scene) -> Array:
     return np.linspace(0.0, float(end), spec.samples or SAMPLES)
 
 
-def recipe(scene: Scene, resolution: float, t: Array) -> Recipe:
-    """The run of a scene at samples t (s) at a resolution of its steps."""
+def recipe(
+    scene: Scene, resolution: float, t: Array, pattern: dict[str, IntArray] | None = None
+) -> Recipe:
+    """The run of a scene at samples t (s) at a resolution of its steps.
+
+    `pattern`: entries that its tables have to have (`pinflex.browser.pattern`).
+    """
     problem = scene._problem(t, scene.equations())
     radau = scene._radau(problem, resolution)
     radau.loose = True
@@ -110,16 +116,18 @@ def recipe(scene: Scene, resolution: float, t: Array) -> Recipe:
     at = march._at
     at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
     at.slack, at.slow, at.patience = close.slack, radau.slow, 1e9
-    return _laid_out(scene, radau, march, t)
+    return _laid_out(scene, radau, march, t, pattern)
 
 
-def _laid_out(scene: Scene, radau: Radau, march: March, t: Array) -> Recipe:
+def _laid_out(
+    scene: Scene, radau: Radau, march: March, t: Array, pattern: dict[str, IntArray] | None
+) -> Recipe:
     once = Corrector(radau)
     twice = Corrector(once.stages, slow=0.02)
     kernels = [march._kernel, *(each._made(march.steps) for each in (once, twice))]
     stages = [radau, once.stages, twice.stages]
     image, system = Image(), scene.equations().system
-    header: dict[str, Any] = {"tables": _add_tables(image, system.tables)}
+    header: dict[str, Any] = {"tables": _add_tables(image, _wide(system.tables, pattern))}
     weights = [np.zeros(0), once._guess, twice._guess]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
         _add_march(image, each.compiled.kernel, kernel, f"{k}/")
@@ -161,9 +169,7 @@ def tables_of(mechanism: Mechanism) -> dict[str, Array]:
     """Arrays by name that a number of the scene may change, flat; named as those of a recipe."""
     scene = live_scene(mechanism)
     dynamics = scene.equations()
-    found = {
-        name: np.asarray(x, float).ravel() for name, x in dynamics.system.tables._arrays.items()
-    }
+    found = _flat(dynamics.system.tables)
     if scene.by_forces:
         found["0/weight"] = np.asarray(dynamics.strain.stiffness, float).ravel()
     image = Image()
@@ -180,6 +186,19 @@ def _nominal_rates(scene: Scene, system: Any) -> list[list[float]]:
         n = int(system.rigid.nv)
         v[:n], a[:n] = first.v[0], first.a[0]
     return [v.tolist(), a.tolist()]
+
+
+def _wide(tables: Tables, pattern: dict[str, IntArray] | None) -> Tables:
+    """The tables with entries of zero where a slider may have others."""
+    if pattern is None:
+        return tables
+    found = widened(_flat(tables), pattern)
+    assert found is not None
+    return Tables(tables.counts, tables._arrays | found)
+
+
+def _flat(tables: Tables) -> dict[str, Array]:
+    return {name: np.asarray(x, float).ravel() for name, x in tables._arrays.items() if x.size}
 
 
 def _add_tables(image: Image, tables: Tables) -> int:

@@ -48,7 +48,7 @@ def scene_of_page(description: Description, t: Array) -> LiveScene:
     found = sliders.changes(description, proposed, tables_of, base)
     scene = live_scene(load(description, base))
     tol = scene.spec.tol or 1e-3
-    made = recipe(scene, RESOLUTION * tol, t)
+    made = recipe(scene, RESOLUTION * tol, t, found.pattern)
     header, line = laid_out(made.image)
     parts, at = [line], len(line)
 

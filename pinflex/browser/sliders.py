@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.browser.pattern import Tables, pattern_of, widened
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 
-Tables = dict[str, Array]
 TIMES = "times"  # unit of factors
-_NODES = 7  # of what is no straight line
+_NODES = 6  # of what is no straight line
+_NOTHING = 1e-13  # of the largest entry: round-off of shapes
+_MOST = 3000  # numbers of a slider: a page grows by 10 bytes each
+_BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
 PAYLOAD = "payload"  # name of the block that a payload is written as
@@ -35,7 +38,7 @@ class Slider:
     Attributes:
         name, label, unit: What it is. low, high, value: Range, and where it stands at first.
         keys: Overrides: key, value and power of p. shown: What p is shown times.
-        acts: "tables" or "time".
+        acts: On "tables", a "section", or "time".
     """
 
     name: str
@@ -69,13 +72,23 @@ class Change:
     values: dict[str, Array]
     error: float = 0.0
 
+    @property
+    def numbers(self) -> int:
+        """Numbers that the page would keep for it."""
+        return sum(x.size for x in self.values.values())
+
 
 @dataclass(frozen=True)
 class Changes:
-    """Sliders that work, with what they do; and those that do not, with the reason."""
+    """Sliders that work, with what they do; and those that do not, with the reason.
+
+    Attributes:
+        pattern: Entries that the tables have to have, see `pinflex.browser.pattern`.
+    """
 
     sliders: tuple[Slider, ...]
     changes: dict[str, Change]
+    pattern: dict[str, IntArray]
     left_out: dict[str, str] = field(default_factory=dict)
 
 
@@ -162,7 +175,8 @@ def _sections(raw: dict[str, Any]) -> list[Slider]:
                 value = float(section[key])
                 keys = ((f"flexible.{name}.section.{key}", value, 1),)
                 label = f"{key} of {name}"
-                found.append(Slider(label, label, "mm", 0.7, 1.4, 1.0, keys, 1e3 * value))
+                ends = 0.7, 1.4, 1.0
+                found.append(Slider(label, label, "mm", *ends, keys, 1e3 * value, "section"))
                 break
     return found
 
@@ -178,34 +192,77 @@ def changes(
     base: Sequence[str],
 ) -> Changes:
     """What sliders do to the tables of a scene, whose other overrides are `base`."""
-    works, done, left = list[Slider](), dict[str, Change](), dict[str, str]()
+    known: dict[tuple[str, float], Tables] = {}
+    left, usable = dict[str, str](), list[Slider]()
 
-    def at(slider: Slider, p: float) -> Tables:
-        return tables(load(description, [*base, *slider.overrides(p)]))
+    def plain(slider: Slider, p: float) -> Tables:
+        if (slider.name, p) not in known:
+            changed = load(description, [*base, *slider.overrides(p)])
+            known[slider.name, p] = tables(changed)
+        return known[slider.name, p]
 
+    seen = [tables(load(description, base))]
     for slider in sliders:
-        if slider.acts == "time":
-            works.append(slider)
-            continue
         try:
-            found = _change(slider, at)
+            own = [plain(slider, p) for p in _places(slider)]
         except PinflexError as error:
             left[slider.label] = str(error)
             continue
-        if found is None:
+        if pattern_of([*seen, *own]) is None:
             left[slider.label] = "it changes how the model is built"
-        elif found.entries:
+            continue
+        seen += own
+        usable.append(slider)
+    pattern = pattern_of(seen)
+    assert pattern is not None  # of those that fit, which the first alone does
+
+    def at(slider: Slider, p: float) -> Tables:
+        found = widened(plain(slider, p), pattern)
+        assert found is not None  # `seen` has them all
+        return found
+
+    works, done = list[Slider](), dict[str, Change]()
+    for slider in usable:
+        change = None if slider.acts == "time" else _change(slider, at)
+        if change is None:
             works.append(slider)
-            done[slider.name] = found
-    return Changes(tuple(works), done, left)
+        elif change.numbers > _MOST:
+            left[slider.label] = f"its tables would be {change.numbers} numbers"
+        elif change.error > _BEYOND:
+            left[slider.label] = f"tables between those made are off by {change.error:.1g}"
+        elif change.entries:
+            works.append(slider)
+            done[slider.name] = change
+    return Changes(tuple(works), done, pattern, left)
 
 
-def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change | None:
-    low, high = slider.low or 0.1 * slider.high, slider.high
-    middle = 0.5 * (low + high)
+def _places(slider: Slider) -> list[float]:
+    """Values of a slider at which tables are made."""
+    if slider.acts == "time":
+        return []
+    if slider.acts == "section":
+        return [*_nodes(slider).tolist(), *_between(_nodes(slider)).tolist()]
+    low = slider.low or 0.1 * slider.high
+    return [low, 0.5 * (low + slider.high), slider.high]
+
+
+def _nodes(slider: Slider) -> Array:
+    """Chebyshev points of the second kind in its range, shape (nodes,)."""
+    angles = np.pi * np.arange(_NODES) / (_NODES - 1)
+    middle, half = 0.5 * (slider.low + slider.high), 0.5 * (slider.high - slider.low)
+    return np.asarray(middle - half * np.cos(angles))
+
+
+def _between(nodes: Array) -> Array:
+    """Places where a polynomial through the nodes is judged."""
+    return np.asarray(0.5 * (nodes[1:] + nodes[:-1])[[0, _NODES // 2 - 1, -1]])
+
+
+def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
+    if slider.acts == "section":
+        return _polynomial(slider, at)
+    low, middle, high = _places(slider)
     first, half, last = (at(slider, p) for p in (low, middle, high))
-    if not (_alike(first, last) and _alike(first, half)):
-        return None
     moved = {
         name: np.flatnonzero((first[name] != last[name]) | (first[name] != half[name]))
         for name in first
@@ -214,25 +271,19 @@ def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change | N
     slopes = {n: (last[n][e] - first[n][e]) / (high - low) for n, e in moved.items()}
     off = [_off(half[n][e], first[n][e] + slopes[n] * (middle - low), last[n])
            for n, e in moved.items()]  # fmt: skip
-    if max(off, default=0.0) > _STRAIGHT:
-        return _polynomial(slider, at, low, high)
+    error = max(off, default=0.0)
+    error = error if error > _STRAIGHT else 0.0
     through = [_off(first[n][e], slopes[n] * low, last[n]) for n, e in moved.items()]
     if max(through, default=0.0) < _STRAIGHT and slider.value:
-        return Change("factor", np.zeros(0), moved, {n: np.zeros(0) for n in moved})
+        return Change("factor", np.zeros(0), moved, {n: np.zeros(0) for n in moved}, error)
     origin = {n: first[n][e] - slopes[n] * low for n, e in moved.items()}
     values = {n: np.concatenate([origin[n], slopes[n]]) for n in moved}
-    return Change("line", np.zeros(0), moved, values)
+    return Change("line", np.zeros(0), moved, values, error)
 
 
-def _polynomial(
-    slider: Slider, at: Callable[[Slider, float], Tables], low: float, high: float
-) -> Change | None:
-    angles = np.pi * np.arange(_NODES) / (_NODES - 1)
-    nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles)
-    found = [at(slider, float(p)) for p in nodes]
-    if not all(_alike(found[0], x) for x in found):
-        return None
-    between = 0.5 * (nodes[1:] + nodes[:-1])[[0, _NODES // 2, -1]]
+def _polynomial(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
+    nodes = _nodes(slider)
+    found, between = [at(slider, float(p)) for p in nodes], _between(nodes)
     wanted = [at(slider, float(p)) for p in between]
     weights = np.where(np.arange(_NODES) % 2, -1.0, 1.0)
     weights[[0, -1]] *= 0.5
@@ -241,17 +292,14 @@ def _polynomial(
     entries, values, error = dict[str, IntArray](), dict[str, Array](), 0.0
     for name in found[0]:
         every = np.array([x[name] for x in found])
-        e = np.flatnonzero(np.ptp(every, axis=0))
+        size = np.abs(every).max(initial=0.0)
+        e = np.flatnonzero(np.ptp(every, axis=0) > _NOTHING * size)
         if not len(e):
             continue
         entries[name], values[name] = e, every[:, e].ravel()
         missed = W @ every[:, e] - np.array([x[name][e] for x in wanted])
         error = max(error, _off(missed, 0.0 * missed, every))
     return Change("polynomial", nodes, entries, values, error)
-
-
-def _alike(a: Tables, b: Tables) -> bool:
-    return a.keys() == b.keys() and all(a[name].shape == b[name].shape for name in a)
 
 
 def _off(a: Array, b: Array, of: Array) -> float:

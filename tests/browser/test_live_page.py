@@ -86,7 +86,9 @@ def _somewhere(browser: Browser, rng: np.random.Generator) -> dict[str, float]:
 def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
-    found = moved(browser, _somewhere(browser, rng))
+    settings = _somewhere(browser, rng)
+    assert len(settings) == 3 + (model == "3rrr")  # payload, speed, damping; thickness
+    found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
     t = np.array(found["t"])
     same = native_run(mechanism, t)
@@ -116,6 +118,8 @@ def test_tables_of_the_page_are_those_of_the_command_line(pages, browser):
     # 2.0 is exact in binary: the page's overrides are those that anybody would type
     assert "motion.duration=0.25" in found["overrides"]
     assert found["command"].startswith("pinflex solve ur5 --level coupled --tol 0.001 --set ")
+    said = browser.run("return document.getElementById('live').textContent")
+    assert "By the command line alone: wall of" in said
     assert "tables" not in browser.run("return document.getElementById('chips').textContent")
 
 

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.browser.pattern import pattern_of, widened
 from pinflex.browser.recipe import live_scene, tables_of
 from pinflex.browser.sliders import changes, proposed
+from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.tables import Tables
 
 ARM = """<robot name="arm"><link name="base"/><link name="beam"/>{tool}
 <joint name="motor" type="revolute"><parent link="base"/><child link="beam"/><axis xyz="0 1 0"/>
@@ -94,3 +97,39 @@ def test_a_page_says_what_it_cannot_run():
         live_scene(pf.load("prprp"))
     with pytest.raises(pf.DescriptionError, match="no link to bend"):
         live_scene(pf.load("cassie"))
+
+
+def test_zeros_in_the_places_of_others_change_nothing():
+    """Tables of one wall with the entries of another are the same equations."""
+    slider = next(s for s in proposed(pf.load("ur5")) if s.name == "wall of forearm_link")
+    thin, thick = (pf.load("ur5", slider.overrides(p)) for p in (0.7, 1.4))
+    pattern = pattern_of([tables_of(thin), tables_of(thick)])
+    system = live_scene(thick).equations().system
+    wide = Tables(system.tables.counts, system.tables._arrays | widened(tables_of(thick), pattern))
+    assert wide._arrays["phi"].size + wide._arrays["g"].size > (
+        system.tables._arrays["phi"].size + system.tables._arrays["g"].size
+    )
+    rng, n = np.random.default_rng(2), system.tables.counts
+    y, v, a = (1e-2 * rng.standard_normal((3, n[k])) for k in ("nq", "nv", "nv"))
+    rest = np.zeros((3, n["closures"])), np.zeros((3, n["forces"]))
+    r, wanted = (Evaluator(t).residuals(y, v, a, *rest)[0] for t in (wide, system.tables))
+    # sums with zeros among them: the order of the others is the same
+    assert np.abs(r - wanted).max() <= 1e-14 * np.abs(wanted).max()
+
+
+def test_a_section_between_the_tables_is_off_by_no_more_than_is_told():
+    description = pf.load("3rrr").description
+    sliders = [s for s in proposed(pf.load("3rrr")) if s.acts == "section"]
+    found = changes(description, sliders, tables_of, [])
+    change = found.changes["thickness of distal_?"]
+    assert 0.0 < change.error < 1e-9  # cubes of the thickness, by a polynomial of fifth degree
+    there = widened(tables_of(pf.load(description, sliders[0].overrides(1.234))), found.pattern)
+    x = change.nodes
+    powers = np.vander((x - 1.0) / 0.35, increasing=True)
+    place = np.vander([(1.234 - 1.0) / 0.35], len(x), increasing=True)
+    weights = np.linalg.solve(powers.T, place[0])
+    for name, entries in change.entries.items():
+        made = weights @ change.values[name].reshape(len(x), -1)
+        # the error told is the largest at three places; at others it may be twice that
+        size = np.abs(change.values[name]).max()
+        assert np.abs(made - there[name][entries]).max() < 2.0 * change.error * size + 1e-13 * size
