@@ -44,7 +44,8 @@ def live_page(
         pf.live_page("delta", "delta.html")
 
     The sliders are payload, speed of the move, damping, stiffness of the gears and thickness of
-    sections, as far as the scene has them. Level coupled runs in the page, by the same compiled code as WebAssembly.
+    sections, as far as the scene has them. Level coupled runs in the page, by the same compiled
+    code as WebAssembly.
 
     Args:
         model: YAML file, its folder, a shipped name, or a Description.
