@@ -147,7 +147,7 @@ def _laid_out(
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
     }  # fmt: skip
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
-    header["part"], header["static"] = PART, scene._start.kind == "static"
+    header["part"], header["static"] = PART, scene.start.kind == "static"
     header["names"] = dict(image.names)
     return Recipe(image, header)
 
@@ -194,15 +194,15 @@ def _wide(tables: Tables, pattern: dict[str, IntArray] | None) -> Tables:
         return tables
     found = widened(_flat(tables), pattern)
     assert found is not None
-    return Tables(tables.counts, tables._arrays | found)
+    return Tables(tables.counts, tables.arrays | found)
 
 
 def _flat(tables: Tables) -> dict[str, Array]:
-    return {name: np.asarray(x, float).ravel() for name, x in tables._arrays.items() if x.size}
+    return {name: np.asarray(x, float).ravel() for name, x in tables.arrays.items() if x.size}
 
 
 def _add_tables(image: Image, tables: Tables) -> int:
-    arrays = tables._arrays
+    arrays = tables.arrays
     addresses = {name: array.ctypes.data for name, array in arrays.items()}
     image.add_arrays(arrays, addresses, {name: name for name in arrays})
     return image.add_structure(tables._structure)

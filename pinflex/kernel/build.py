@@ -107,15 +107,15 @@ def compile_wasm(out: Path) -> Path:
     Raises:
         RuntimeError: There is no `ziglang`, or it does not make it.
     """
-    if not _has_zig():
+    found = zig("wasm32-wasi")
+    if not found:
         raise RuntimeError("no clang that makes WebAssembly: pip install ziglang")
     calls = *(f"pinflex_{name}" for name in WASM_CALLS), *WASM_INSIDE
     exports = [f"-Wl,--export={name}" for name in calls]
     sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
     fresh = out.with_name(f"{out.name}.{os.getpid()}")
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-wasi"]
     define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
-    command = [*compiler, *WASM_FLAGS, *exports, define, *sources, "-lm", "-o", str(fresh)]
+    command = [*found[0], *WASM_FLAGS, *exports, define, *sources, "-lm", "-o", str(fresh)]
     try:
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
     except (OSError, subprocess.SubprocessError) as error:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.kernel.build import _has_zig
+from pinflex.kernel.build import zig
 from tests.browser.chromium import CHROMIUM, DRIVER, Browser
 from tests.browser.native import apart, native_run
 from tests.browser.places import apart as places_apart
@@ -36,7 +36,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Any:
     pytest.importorskip("selenium", reason="selenium is not installed")
     if CHROMIUM is None or DRIVER is None:
         pytest.skip("chromium or chromedriver is not installed")
-    if not _has_zig():
+    if not zig("wasm32-wasi"):
         pytest.skip("ziglang is not installed: no kernel as WebAssembly")
     folder, made = tmp_path_factory.mktemp("live"), dict[str, Path]()
 

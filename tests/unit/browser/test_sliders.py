@@ -105,9 +105,9 @@ def test_zeros_in_the_places_of_others_change_nothing():
     thin, thick = (pf.load("ur5", slider.overrides(p)) for p in (0.7, 1.4))
     pattern = pattern_of([tables_of(thin), tables_of(thick)])
     system = live_scene(thick).equations().system
-    wide = Tables(system.tables.counts, system.tables._arrays | widened(tables_of(thick), pattern))
-    assert wide._arrays["phi"].size + wide._arrays["g"].size > (
-        system.tables._arrays["phi"].size + system.tables._arrays["g"].size
+    wide = Tables(system.tables.counts, system.tables.arrays | widened(tables_of(thick), pattern))
+    assert wide.arrays["phi"].size + wide.arrays["g"].size > (
+        system.tables.arrays["phi"].size + system.tables.arrays["g"].size
     )
     rng, n = np.random.default_rng(2), system.tables.counts
     y, v, a = (1e-2 * rng.standard_normal((3, n[k])) for k in ("nq", "nv", "nv"))

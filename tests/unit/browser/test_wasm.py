@@ -15,7 +15,7 @@ from pinflex.browser import page
 from pinflex.browser.image import laid_out
 from pinflex.browser.recipe import live_scene, recipe
 from pinflex.browser.wasm import wasm
-from pinflex.kernel.build import _has_zig
+from pinflex.kernel.build import zig
 
 NODE = shutil.which("node")
 SCRIPT = """
@@ -34,7 +34,7 @@ for (const name of ["heap", "settle"]) run(fs.readFileSync(`${pages}/${name}.js`
 
 
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
-@pytest.mark.skipif(not _has_zig(), reason="ziglang is not installed")
+@pytest.mark.skipif(not zig("wasm32-wasi"), reason="ziglang is not installed")
 @pytest.mark.parametrize("model", ["ur5", "3rrr", "delta"])
 def test_residuals_of_webassembly_are_the_native_ones(model, tmp_path):
     mechanism = pf.load(model)
@@ -43,7 +43,7 @@ def test_residuals_of_webassembly_are_the_native_ones(model, tmp_path):
     header, values = laid_out(made.image)
     dynamics = scene.equations()
     system, rng = dynamics.system, np.random.default_rng(4)
-    y = np.tile(scene._start.y, (7, 1))
+    y = np.tile(scene.start.y, (7, 1))
     y[:, dynamics.nq_rigid :] += 1e-3 * rng.standard_normal((7, system.n_eta))
     v, a = rng.standard_normal((2, 7, system.nv))
     lam = rng.standard_normal((7, system.closed.n))
