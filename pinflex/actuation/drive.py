@@ -16,6 +16,7 @@ from pinflex.description.motions.laws import SNAP
 from pinflex.description.motions.motion import Motion
 from pinflex.mechanics.evaluation.equations import Followed
 from pinflex.mechanics.model.loads import Loads
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -31,6 +32,8 @@ _KEPT = 4  # paths: whoever marches once more, or in other steps, asks for the s
 @dataclass(frozen=True)
 class MotorPath:
     """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
+
+    __repr__ = brief
 
     t: Array
     position: Array
@@ -185,6 +188,8 @@ class TorqueDrive:
         feed_forward: N m | N at the steps of a run, shape (nt, nm).
         forward: The same as a function of times, (k,) to (k, nm).
     """
+
+    __repr__ = brief
 
     kp: Array
     kd: Array

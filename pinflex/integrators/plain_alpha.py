@@ -26,6 +26,7 @@ from pinflex.integrators.problem import Problem, consistent_acceleration
 from pinflex.linalg import lapack
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 
 MAX_ITERATIONS = 12
 # Contraction above which the next iteration has a new tangent, and above which it is none; then
@@ -48,6 +49,8 @@ class NoConvergence(Exception):
 @dataclass
 class Step:
     """The state that moves through the run: y (nq,), v, a, s (nv,), lam (rows,), torque (nm,)."""
+
+    __repr__ = brief
 
     y: Array
     v: Array

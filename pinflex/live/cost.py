@@ -75,7 +75,7 @@ def step_cost(
         mechanism, dt, iterations=iterations, tangents=tangents, every=every, stops=False
     )
     path = _on_and_on(mechanism, dt)
-    engine = live.reset(motion=default_motion(mechanism)).engine(True, path[:, 0])
+    engine = live.reset(motion=default_motion(mechanism))._engine(True, path[:, 0])
     at, move, now = engine.kernel.at, engine.path, time.thread_time_ns
     times, counts = np.zeros((2, steps), np.int64), np.zeros((2, steps + 1), np.int64)
     counts[:, 0] = at.iterations, at.refreshed
@@ -88,7 +88,7 @@ def step_cost(
             taken = engine.take()
             times[0, k] = now() - begun
             if not taken:
-                raise live.stuck(engine, (k + 1) * dt)
+                raise live._stuck(engine, (k + 1) * dt)
             counts[0, k + 1], counts[1, k + 1] = at.iterations, at.refreshed
         for k in range(steps):
             begun = now()

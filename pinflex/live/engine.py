@@ -16,6 +16,7 @@ from pinflex.integrators.plain_alpha import MAX_ITERATIONS, PlainAlpha, Step
 from pinflex.kernel.stages import AlphaKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import brief
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class Bounds:
         every: Steps between two tangents at the most; 0: a new one where iterations are slow.
         stops: Lowest and highest positions of the motors (rad | m), shape (nm,) each.
     """
+
+    __repr__ = brief
 
     iterations: int = MAX_ITERATIONS
     tangents: int = 1

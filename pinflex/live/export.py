@@ -115,7 +115,7 @@ def _ready(live: Simulator, inputs: str) -> tuple[Engine, Outputs]:
     what = "loads that vary in time" if loads.timed else "sleeves" if closed.contacts else ""
     if what:
         raise DescriptionError(f"{mechanism.name}: export: {what} are not in C yet. Use Simulator.")
-    engine = live.engine(inputs == "motion", live.motors.torque)
+    engine = live._engine(inputs == "motion", live.motors.torque)
     return engine, outputs_of(mechanism)
 
 

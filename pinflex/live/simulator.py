@@ -132,6 +132,11 @@ class Simulator:
         self.start = found.kind
         return self
 
+    def __repr__(self) -> str:
+        kind = "led" if self._at is self._engines.get(True) else "pushed"
+        name = self.mechanism.name[:60]
+        return f"Simulator({name}, t = {self.time:.6g} s, dt = {self.dt:g} s, motors {kind})"
+
     def _scene(
         self, pose: Mapping[str, float] | None, start: object, motion: Motion | None
     ) -> Scene:
@@ -193,7 +198,7 @@ class Simulator:
             )
         told = self._numbers("torque", torque) if torque is not None else self._led(motion, t)
         before = self._before(torque is None)
-        engine = self.engine(torque is None, told)
+        engine = self._engine(torque is None, told)
         if torque is not None:
             engine.torque[1] = told
         else:
@@ -202,7 +207,7 @@ class Simulator:
             engine.shares(t)
         try:
             if not engine.take():
-                raise self.stuck(engine, t)
+                raise self._stuck(engine, t)
             if self._system.closed.contacts:
                 self._dynamics.require_on_beams(engine.found[0][1], self.mechanism.name, t)
         except SceneError:
@@ -254,7 +259,7 @@ class Simulator:
         names = ("position", "velocity", "acceleration")
         return [self._numbers(f"motion: {n}", x) for n, x in zip(names, motion, strict=True)]
 
-    def engine(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
+    def _engine(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
         """Its steps with motors led or pushed, going on from where the simulator is.
 
         What begins to push acts at once: accelerations and multipliers jump there.
@@ -271,11 +276,11 @@ class Simulator:
                 now = engine.march.first(now.y, now.v, 0)
             engine.begin(self.time, now, not led)
         except (NoConvergence, np.linalg.LinAlgError):
-            raise self.stuck(engine, self.time + self.dt) from None
+            raise self._stuck(engine, self.time + self.dt) from None
         self._at = engine
         return engine
 
-    def stuck(self, engine: Engine, t: float) -> SceneError:
+    def _stuck(self, engine: Engine, t: float) -> SceneError:
         """Why a step was not taken, in a sentence."""
         where, stopped = f"{self.mechanism.name}: t = {t:.6g} s", engine.stopped
         if stopped >= 0 and self._bounds.stops is not None:

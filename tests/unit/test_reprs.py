@@ -73,7 +73,9 @@ def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
     )
     study = pf.Study(robot, {"coupled": run}, {}, {}, pf.comparison(None, {"coupled": run}))
     sensor = pf.Deflection("distal_1", 0.1)
-    return [control, fit, scatter, study, sensor, pf.Travel("a"), pf.Effort("a"), pf.Voltage("p")]
+    drives = [pf.Travel("a"), pf.Effort("a"), pf.Voltage("p")]
+    sensors = [pf.Encoder("a"), pf.StrainGauge("b", 0.1), pf.Imu("tool")]
+    return [control, fit, scatter, study, sensor, *drives, *sensors, pf.Simulator(robot)]
 
 
 def test_every_public_class_is_among_them(objects: list[Any]) -> None:
