@@ -1,0 +1,1 @@
+"""The shortest motion that keeps limits and does not shake."""

@@ -1,0 +1,296 @@
+"""fastest(): the shortest motion that keeps limits and is still at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.boundary import public
+from pinflex.description.motions.motion import Motion, quintic
+from pinflex.errors import ConvergenceError, DescriptionError
+from pinflex.levels.modes import modes
+from pinflex.levels.quasistatic import static_equilibrium
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_pose
+from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.moves.limits import Limits, limits_of, with_jerk
+from pinflex.moves.profile import Profile, fitted
+from pinflex.moves.response import Grid
+from pinflex.moves.rigid import RigidPath
+from pinflex.moves.search import Look, Search, Task, rigid_least
+from pinflex.moves.settling import Settled, settled
+from pinflex.moves.variants import corners, variant
+from pinflex.results.result import Result
+from pinflex.threads import one_blas_thread
+
+_INTERVALS = 40  # of constant jerk
+_A_PERIOD = 36  # steps that the lowest mode's period has: its phase is right to 0.3 %
+_EACH = (4, 16)  # steps in an interval
+_PERIODS = 2.0  # of the lowest mode, that are watched after the end
+_GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
+_JERK = 6.0  # times a quintic's, where no jerk limit is known
+_FIRST = 3.0  # times as far from the end the nominal robot's search hands over to all robots'
+_STEPS = 30  # at the most
+TOL = 1e-5  # of the runs that verify
+
+
+@dataclass(frozen=True)
+class Fastest:
+    """The shortest motion found, and how it was verified.
+
+    Attributes:
+        name: Model. target, moves: What moves by how much from home [rad | m].
+        duration: Of the motion [s].
+        settled: Time from which every platform stays within the band [s].
+        band: Asked distance from rest [m].
+        residual: Largest distance from rest after the end [m], of the worst model, and
+        bar: by how much its runs may be wrong [m].
+        holds: What is at its limit, such as "torque of motor_1", the largest share of the time
+            first; by name the share of the time.
+        shares: Largest use of each limit [-].
+        rigid: The rigid robot's least time under the same limits [s]: no motion is shorter.
+        limits: Along the path and of the motors.
+        runs: The coupled runs that verify, by name of the model; "nominal" is the first.
+        motion: Usable in `pf.solve`.
+        steps: Linear programmes solved.
+    """
+
+    name: str
+    target: str
+    moves: dict[str, float]
+    duration: float
+    settled: float
+    band: float
+    residual: float
+    bar: float
+    holds: dict[str, float]
+    shares: dict[str, float]
+    rigid: float
+    limits: Limits
+    motion: Motion = field(repr=False)
+    runs: dict[str, Result] = field(repr=False)
+    models: dict[str, Mechanism] = field(repr=False)
+    profile: Profile = field(repr=False)
+    steps: int = 0
+
+    def __repr__(self) -> str:
+        return (
+            f"<Fastest {self.name}, {self.duration:.4g} s, still within {1e6 * self.residual:.3g} "
+            f"um; the rigid robot {self.rigid:.4g} s>"
+        )
+
+
+@public
+@takes_model
+@one_blas_thread()
+def fastest(
+    mechanism: Mechanism,
+    to: Mapping[str, float],
+    *,
+    settle: float | Mapping[str, float],
+    limits: Mapping[str, Any] | None = None,
+    robust: Mapping[str, float] | None = None,
+    target: str | None = None,
+    intervals: int = _INTERVALS,
+    close: float = 3e-3,
+    progress: Callable[[str], None] | None = None,
+) -> Fastest:
+    """Find the shortest motion, from rest to rest, after which the platform does not shake.
+
+    One profile along the path, its jerk constant in each of some intervals, found by linear
+    programmes about coupled runs of the flexible robot, until the runs themselves keep the limits
+    and the band.
+
+    Args:
+        mechanism: Flexible mechanism with a platform.
+        to: Displacements from home by motor [rad | m] or by platform coordinate (x y z [m], rz ry
+            rx [rad]): all move in step, along a straight line in these.
+        settle: Distance [m] from where it comes to rest within which the platform stays from the
+            end on; or {position: [m], speed: [m/s]} of each axis at the end alone.
+        limits: Over those of the URDF: speed, acceleration, jerk (of what moves, one number or
+            by name; jerk inf: acceleration may jump; default six times a quintic's), torque and
+            motor_speed (one number or by motor).
+        robust: Shares by which payload, stiffness or friction may be off, such as {"payload":
+            0.2}: the same motion must leave these robots still too; limits hold at the nominal one.
+        target: "joints" or "platform"; default: what the names are of.
+        intervals: Of constant jerk.
+        close: The search ends when a step hopes for less, as a share of the duration.
+        progress: Called with a line of text after every step.
+    Returns:
+        The motion, verified by coupled runs within 1e-5.
+    Raises:
+        DescriptionError: Names, limits or shares that there are not, or no platform.
+        ConvergenceError: No motion found that keeps all.
+    Source: time-optimal inputs by linear programmes: Liu and Wie (1992), JGCD 15; here about runs.
+    """
+    if mechanism.description.platform is None:
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: needs `platform: FRAME` in the YAML, which is to be still."
+        )
+    target, moves = _moves(mechanism, to, target)
+    models = {"nominal": mechanism}
+    for factors in corners(robust or {}):
+        label = ", ".join(f"{kind} {100 * (x - 1):+.0f} %" for kind, x in factors.items())
+        models[label] = variant(mechanism, factors)
+    task, first, bound = _task(target, moves, models, limits, settle, intervals)
+    grid, period = _grid(task, bound, intervals)
+    found, steps = _searched(task, first, grid, close, progress or (lambda line: None))
+    return _told(task, found, models, bound.duration, steps, period)
+
+
+def _moves(
+    mechanism: Mechanism, to: Mapping[str, float], target: str | None
+) -> tuple[str, dict[str, float]]:
+    """Target and displacements; platform coordinates that are not named stay where they are."""
+    if target is None:
+        target = "joints" if set(to) <= set(mechanism.motors) else "platform"
+    make = {"joints": to} if target == "joints" else {"platform": to}
+    moves = dict(zip(quintic(**make, duration=1.0).names, map(float, to.values()), strict=True))
+    if not any(moves.values()):
+        raise DescriptionError(f"{mechanism.name}: fastest: to: nothing moves.")
+    return target, moves
+
+
+def _task(
+    target: str,
+    moves: dict[str, float],
+    models: dict[str, Mechanism],
+    given: Mapping[str, Any] | None,
+    settle: float | Mapping[str, float],
+    intervals: int,
+) -> tuple[Task, Profile, Profile]:
+    """The task, a gentle profile to begin with, and the rigid robot's fastest."""
+    mechanism = models["nominal"]
+    limits = limits_of(mechanism, target, moves, given)
+    far = np.array([*moves.values()])
+    box = None
+    if isinstance(settle, Mapping):
+        box = float(settle["position"]), float(settle["speed"])
+    rigid = tuple(RigidPath(x, target, moves, 1.0) for x in models.values())
+    slow = _slowest(rigid[0], limits)
+    limits = with_jerk(limits, _JERK * 60.0 / slow**3)
+    start = fitted(quintic(joints=moves, duration=slow) if target == "joints"
+                   else quintic(platform=moves, duration=slow), far, intervals, limits.jumps)  # fmt: skip
+    bound = rigid_least(rigid[0], limits, start)
+    soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
+    first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow))
+    rest = np.array([_rest(x, path) for x, path in zip(models.values(), rigid, strict=True)])
+    band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
+    return Task(target, moves, limits, band, tuple(models.values()), rigid, rest, box), first, bound
+
+
+def _slowest(rigid: RigidPath, limits: Limits) -> float:
+    """Duration of the quintic that just keeps the limits, were the robot rigid [s]."""
+    u = np.linspace(0.0, 1.0, 201)
+    s, v, a = (
+        10 * u**3 - 15 * u**4 + 6 * u**5,
+        30 * (u * (1 - u)) ** 2,
+        60 * u * (1 - u) * (1 - 2 * u),
+    )
+
+    def used(T: float) -> float:
+        tau = rigid.torque(s, v / T, a / T**2)[0]
+        speed = np.abs(rigid.motor_speed(s)) * v[:, None] / T
+        jerk = 0.0 if np.isnan(limits.jerk) else 60.0 / T**3 / limits.jerk
+        along = v.max() / T / limits.speed, np.abs(a).max() / T**2 / limits.acceleration, jerk
+        return max(*along, float(np.max(np.abs(tau) / limits.torque)),
+                   float(np.max(speed / limits.motor_speed)))  # fmt: skip
+
+    low, high = 1e-3, 1e3
+    if not 0.0 < used(high) < 1.0 or used(low) < 1.0:
+        raise DescriptionError(
+            "fastest: limits: they hold no motion, or none at all is given. Give torque, speed or "
+            "acceleration, more than rest takes."
+        )
+    while high / low > 1.0 + 1e-6:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
+    return high
+
+
+def _rest(mechanism: Mechanism, path: RigidPath) -> Array:
+    """Where the platform comes to rest, shape (3,)."""
+    found = static_equilibrium(mechanism, path.end)
+    frame = mechanism.frame(str(mechanism.description.platform))
+    dynamics = Equations(mechanism.flexible)
+    return np.array(frame_pose(dynamics, found.y, frame).translation)
+
+
+def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
+    """Instants of the search, and the longest period at the end [s]."""
+    lowest = float(modes(task.models[0], task.rigid[0].end, count=1).frequencies[0])
+    each = int(np.clip(np.ceil(_A_PERIOD * lowest * bound.duration / n), *_EACH))
+    after = int(np.ceil(_PERIODS / lowest / bound.duration * n * each))
+    return Grid(n, each, min(after, 2 * n * each) if task.box is None else 4), 1.0 / lowest
+
+
+def _searched(
+    task: Task, first: Profile, grid: Grid, close: float, tell: Callable[[str], None]
+) -> tuple[Look, int]:
+    """The nominal robot's motion, then all robots' from there on; verified."""
+    steps = 0
+
+    def told(now: Look) -> None:
+        nonlocal steps
+        steps += 1
+        tell(
+            f"{now.profile.duration:.4f} s: shakes {now.shake:.2f} of the band, takes "
+            f"{100 * now.push:.1f} % of the torques"
+        )
+
+    alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
+    many = len(task.models) > 1
+    search = Search(alone, grid, told)
+    found = search.go(first, _STEPS, _FIRST * close if many else close)
+    if many:
+        found = Search(task, grid, told, max(search.radius, 0.03)).go(found.profile, _STEPS, close)
+    if not found.kept:
+        raise ConvergenceError(
+            f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "
+            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques. "
+            "Allow more intervals, or a wider band."
+        )
+    return found, steps
+
+
+def _told(
+    task: Task, found: Look, models: dict[str, Mechanism], bound: float, steps: int, period: float
+) -> Fastest:
+    """The result, from runs by a tolerance that know nothing of how the motion was found."""
+    motion = found.profile.motion(task.target, task.moves)
+    seen: dict[str, Settled] = {
+        name: settled(model, motion, rest, task.band, found.profile.duration, period, TOL)
+        for (name, model), rest in zip(models.items(), task.rest, strict=True)
+    }
+    worst = max(seen.values(), key=lambda x: x.residual)
+    runs = {name: x.run for name, x in seen.items()}
+    holds, shares = _active(task, found.profile, runs["nominal"])
+    return Fastest(
+        task.models[0].name, task.target, task.moves, found.profile.duration,
+        max(x.time for x in seen.values()), task.band, worst.residual, worst.bar, holds, shares,
+        bound, task.limits, motion, runs, models, found.profile, steps,
+    )  # fmt: skip
+
+
+def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float], dict[str, float]]:
+    """Share of the time each limit is reached in, and largest use of each."""
+    limits, T = task.limits, profile.duration
+    inside = run.t <= T
+    t = run.t[inside]
+    s, v, a = profile.at(t)
+    jerk = np.abs(profile.x[: profile.n]) / T**3
+    used = {"speed along the path": np.abs(v) / limits.speed,
+            "acceleration along the path": np.abs(a) / limits.acceleration,
+            "jerk along the path": np.repeat(jerk, 8) / limits.jerk}  # fmt: skip
+    turn = task.rigid[0].motor_speed(s) * v[:, None]
+    for k, name in enumerate(task.models[0].motors):
+        used[f"torque of {name}"] = np.abs(run.torque[inside, k]) / limits.torque[k]
+        used[f"speed of {name}"] = np.abs(turn[:, k]) / limits.motor_speed[k]
+    shares = {name: float(x.max(initial=0.0)) for name, x in used.items() if np.any(x > 0.0)}
+    time = {name: float(np.mean(used[name] > 0.98)) for name in shares}
+    order = sorted((name for name in time if time[name] > 0.0), key=lambda name: -time[name])
+    return {name: time[name] for name in order}, shares

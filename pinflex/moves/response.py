@@ -1,0 +1,208 @@
+"""What a profile's numbers and its duration change: torques along it, the platform behind it.
+
+About a run of the flexible robot, in scaled time u = t/T:
+
+    M dv' + C dv + K dy - J' dlam = 0,    J dy = 0
+
+with dy the rigid robot's change, which a change ds of the profile makes, and what links and joints
+add. A change of T at the same s(u) makes rates smaller: dr = -(2 M a + C v) dT/T. M, C, K and J are
+those of every instant of the run. All numbers are marched at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pinflex.arrays import Array, IntArray
+from pinflex.integrators.collocation import generalized_alpha
+from pinflex.kernel.linear import entries_of, linear_systems
+from pinflex.linalg import saddle_matrix
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.moves.profile import Profile, basis
+from pinflex.moves.rigid import RigidPath
+from pinflex.results.result import Result
+
+_WINDOW = 48  # instants whose matrices are held at a time: 10 MB of a delta's
+_RHO = 0.7  # steps resolve the modes that shake, and let faster ones die
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Instants of scaled time: `each` inside every interval, and `after` its end.
+
+    Ends of intervals, where acceleration may jump, lie in the middle between two of them: what a
+    scheme of second order makes of a jump is right there.
+    """
+
+    n: int
+    each: int
+    after: int
+
+    @property
+    def step(self) -> float:
+        """Of u."""
+        return 1.0 / (self.n * self.each)
+
+    @property
+    def u(self) -> Array:
+        """Shape (n each + after,)."""
+        return np.asarray((np.arange(self.moving + self.after) + 0.5) * self.step)
+
+    @property
+    def moving(self) -> int:
+        """Instants before the end."""
+        return self.n * self.each
+
+    @property
+    def samples(self) -> int:
+        """Of a run up to `until` T: at the start, in the middle of steps and between them."""
+        return 2 * (self.moving + self.after) + 1
+
+    @property
+    def until(self) -> float:
+        """End of such a run, of T."""
+        return (self.moving + self.after) * self.step
+
+
+class Response(NamedTuple):
+    """Derivatives by the profile's numbers and, last, by its duration.
+
+    Attributes:
+        torque: Of the motors before the end, (instants, nm, numbers + 1).
+        platform: Place of the platform after it, (instants, 3, numbers + 1).
+    """
+
+    torque: Array
+    platform: Array
+
+
+class _System(NamedTuple):
+    """The linear system at one instant, in all coordinates."""
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+
+
+def response(
+    mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool
+) -> Response:
+    """Derivatives about a run of a profile; torques only where `forces`."""
+    return _March(mechanism, along, run, profile, grid).go(forces)
+
+
+class _March:
+    """The alpha family's steps of all columns at once."""
+
+    def __init__(
+        self, mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid
+    ) -> None:
+        self.mechanism, self.grid, self.T = mechanism, grid, profile.duration
+        self.dynamics = Equations(mechanism.flexible)
+        self.scheme, self.h = generalized_alpha(_RHO), grid.step * profile.duration
+        at = slice(1, None, 2)
+        self.y, self.v, self.a = (
+            np.hstack([run.array(key)[at] for key in (rigid, elastic) if key in run.arrays])
+            for rigid, elastic in (("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a"))
+        )
+        self.t, self.lam = run.t[at], run.array("multiplier")[at]
+        self.shape = basis(profile.n, profile.jumps, grid.u)
+        s, v, a = basis(profile.n, profile.jumps, grid.u[: grid.moving + 1]) @ profile.x
+        first, second, third = along(s)
+        v, a, T = v[:, None], a[:, None], self.T
+        # rigid acceleration, velocity and place by (s, ds/du, d^2s/du^2)
+        self.rigid = (
+            np.stack([second * a + third * v**2, 2.0 * second * v, first], axis=2) / T**2,
+            np.stack([second * v, first, 0.0 * first], axis=2) / T,
+            np.stack([first, 0.0 * first, 0.0 * first], axis=2),
+        )
+
+    def go(self, forces: bool) -> Response:
+        """March."""
+        system, grid, sc, h = self.mechanism.flexible, self.grid, self.scheme, self.h
+        free, motors = system.free, system.motors
+        n, numbers = len(free), self.shape.shape[2]
+        torque = np.zeros((grid.moving if forces else 0, len(motors), numbers + 1))
+        place = np.zeros((grid.after, 3, numbers + 1))
+        d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
+        platform = self._platform()[:, free]
+        for k, now, step in self._systems(free):
+            M, C, K, J = (now.M[:, free], now.C[:, free], now.K[:, free], now.J[:, free])
+            load, gap = self._load(k, now)
+            d = d + h * v + h * h * (0.5 - sc.beta) * s
+            v = v + h * (1.0 - sc.gamma) * s
+            s = (-sc.alpha_m * s + sc.alpha_f * a) / (1.0 - sc.alpha_m)
+            d, v = d + h * h * sc.beta * s, v + h * sc.gamma * s
+            right = load[free] + C[free] @ v + K[free] @ d
+            x = step @ np.vstack([-right, -(gap + J @ d) / (sc.beta * h * h)])
+            ds, lam = x[:n], x[n:]
+            s, a = s + ds, sc.mass_factor * ds
+            d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
+            if k >= grid.moving:
+                place[k - grid.moving] = platform @ d
+            elif forces:
+                torque[k] = load[motors] + M[motors] @ a + C[motors] @ v + K[motors] @ d
+                torque[k] -= now.J[:, motors].T @ lam
+        return Response(torque, place)
+
+    def _load(self, k: int, now: _System) -> tuple[Array, Array]:
+        """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
+        j, shape = min(k, self.grid.moving), self.shape[:, k]
+        n = self.rigid[0].shape[1]
+        a, v, q = (x[j] for x in self.rigid)
+        by_number = (now.M[:, :n] @ a + now.C[:, :n] @ v + now.K[:, :n] @ q) @ shape
+        slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
+        opened = (now.J[:, :n] @ q) @ shape
+        return np.column_stack([by_number, slower]), np.column_stack([opened, 0.0 * opened[:, :1]])
+
+    def _platform(self) -> Array:
+        """How the platform's place moves with all coordinates at the end, shape (3, nv)."""
+        frame = self.mechanism.frame(str(self.mechanism.description.platform))
+        return np.asarray(frame_jacobian(self.dynamics, self.y[-1], frame)[:3])
+
+    def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, Array]]:
+        """Instant by instant: its number, its system, and the inverse of its step."""
+        grid, block = self.grid, np.ix_(free, free)
+        weights = self.scheme.weights(self.h)
+        for start in range(0, grid.moving + 1, _WINDOW):
+            every = self._tangents(slice(start, min(start + _WINDOW, grid.moving + 1)))
+            steps = np.linalg.inv([
+                saddle_matrix(sum(w * x for w, x in zip(weights, now[:3], strict=True))[block],
+                              now.J[:, free])
+                for now in every
+            ])  # fmt: skip
+            for i, (now, step) in enumerate(zip(every, steps, strict=True)):
+                if start + i < grid.moving:
+                    yield start + i, now, step
+        for k in range(grid.moving, grid.moving + grid.after):
+            yield k, now, step
+
+    def _tangents(self, some: slice) -> list[_System]:
+        """The systems at some instants of the run; the last one stands for all at rest."""
+        dynamics, n = self.dynamics, self.mechanism.flexible.nv
+        t, y, v, a, lam = (x[some] for x in (self.t, self.y, self.v, self.a, self.lam))
+        compiled = dynamics.compiled
+        if compiled is None:
+            found = [dynamics.tangent(*x[:4], float(x[4])) for x in zip(y, v, a, lam, t)]
+            return [self._damped(_System(*x), y[i]) for i, x in enumerate(found)]
+        rows, all_ = lam.shape[1], np.arange(n)
+        at = entries_of("MCKJ", n, rows, all_, all_)
+        result = np.empty((len(t), len(at)))
+        linear_systems(compiled.evaluator, (y, v, a, lam, compiled.scale(t)), at, result)
+        square = result[:, : 3 * n * n].reshape(-1, 3, n, n)
+        J = result[:, 3 * n * n :].reshape(len(t), rows, n)
+        return [self._damped(_System(*x, J[i]), y[i]) for i, x in enumerate(square)]
+
+    def _damped(self, now: _System, y: Array) -> _System:
+        alpha, beta = self.mechanism.description.system_damping
+        if not (alpha or beta):
+            return now
+        more = alpha * now.M + beta * self.dynamics.structural_stiffness(y)
+        return now._replace(C=now.C + more)

@@ -1,0 +1,105 @@
+"""The same robot with another payload, or stiffer and softer: what one motion has to suit."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+
+from pinflex.description.description import Description
+from pinflex.description.reading.parameters import parameters
+from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.mechanism import Mechanism, load
+
+KINDS = ("payload", "stiffness", "friction")
+_SPRINGS = ("flexible.*.material.E", "joints.*.drive.stiffness", "joints.*.spring")
+_FRICTION = ("joints.*.friction.*", "joints.*.drive.friction.*", "joints.*.damper")
+
+
+def varied(mechanism: Mechanism, kind: str, factor: float) -> Mechanism:
+    """The robot with its payload, stiffness or friction times a factor.
+
+    Raises:
+        DescriptionError: It has none.
+    """
+    if kind not in KINDS:
+        raise DescriptionError(f"robust: {kind}.{nearest(kind, KINDS)}")
+    description = mechanism.description
+    if kind == "payload":
+        return load(_loaded(description, factor))
+    found, many = description, 0
+    for pattern in _SPRINGS if kind == "stiffness" else _FRICTION:
+        try:
+            found, numbers = parameters(found, [pattern])
+        except DescriptionError:
+            continue
+        changes = [c for one in numbers for c in one.overrides(one.value * factor)]
+        found, many = found.with_overrides(changes), many + len(numbers)
+    if not many:
+        raise DescriptionError(f"{mechanism.name}: robust: {kind}: the YAML says no number of it.")
+    return load(found)
+
+
+def corners(robust: Mapping[str, float]) -> list[dict[str, float]]:
+    """Factors of the models beside the nominal one: opposite ends, where frequencies differ most.
+
+    A heavier payload and softer links lower frequencies, so these two go together.
+    """
+    for name, share in robust.items():
+        if name not in KINDS:
+            raise DescriptionError(f"robust: {name}.{nearest(name, KINDS)}")
+        if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
+            raise DescriptionError(f"robust: {name}: {share!r}. Give a share, 0.2 for 20 %.")
+    if not robust:
+        return []
+    down = {"payload": 1.0, "stiffness": -1.0, "friction": -1.0}
+    return [{name: 1.0 + sign * down[name] * share for name, share in robust.items()}
+            for sign in (-1.0, 1.0)]  # fmt: skip
+
+
+def variant(mechanism: Mechanism, factors: Mapping[str, float]) -> Mechanism:
+    """The robot with several of them."""
+    for kind, factor in factors.items():
+        mechanism = varied(mechanism, kind, factor)
+    return mechanism
+
+
+def _loaded(description: Description, factor: float) -> Description:
+    """The payload of the YAML, or the rigid link that the platform is on, with its mass scaled."""
+    block = description.blocks().get("payload")
+    if isinstance(block, dict) and "mass" in block:
+        _, found = parameters(description, ["payload.mass"])
+        return description.with_overrides(found[0].overrides(found[0].value * factor))
+    root = ET.fromstring(description.urdf_text.strip())
+    link = _with_mass(root, str(description.platform))
+    if link is None:
+        raise DescriptionError(
+            f"{description.name}: robust: payload: no link with a mass carries the platform."
+        )
+    for element, keys in (
+        ("mass", ("value",)),
+        ("inertia", tuple("ixx ixy ixz iyy iyz izz".split())),
+    ):
+        found = link.find(f"inertial/{element}")
+        for key in keys:
+            if found is not None and found.get(key) is not None:
+                found.set(key, repr(float(str(found.get(key))) * factor))
+    return replace(description, urdf_text=ET.tostring(root, encoding="unicode"))
+
+
+def _with_mass(root: ET.Element, name: str) -> ET.Element | None:
+    """The link of a name that has a mass, or the one that carries it by fixed joints."""
+    links = {link.get("name"): link for link in root.findall("link")}
+    parents = {
+        joint.find("child").get("link"): joint.find("parent").get("link")  # type: ignore[union-attr]
+        for joint in root.findall("joint")
+        if joint.get("type") == "fixed"
+    }
+    here: str | None = name
+    while here is not None:
+        link = links.get(here)
+        mass = None if link is None else link.find("inertial/mass")
+        if mass is not None and float(str(mass.get("value"))) > 0.0:
+            return link
+        here = parents.get(here)
+    return None
