@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -34,6 +34,7 @@ _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
 _JERK = 6.0  # times a quintic's, where no jerk limit is known
 _FIRST = 3.0  # times as far from the end the nominal robot's search hands over to all robots'
+_RESTART = 0.05  # radius at the least, where more robots come in
 _STEPS = 30  # at the most
 TOL = 1e-5  # of the runs that verify
 
@@ -93,10 +94,10 @@ def fastest(
     *,
     settle: float | Mapping[str, float],
     limits: Mapping[str, Any] | None = None,
-    robust: Mapping[str, float] | None = None,
+    robust: Mapping[str, float | Sequence[float]] | None = None,
     target: str | None = None,
     intervals: int = _INTERVALS,
-    close: float = 3e-3,
+    close: float = 6e-3,
     progress: Callable[[str], None] | None = None,
 ) -> Fastest:
     """Find the shortest motion, from rest to rest, after which the platform does not shake.
@@ -115,7 +116,8 @@ def fastest(
             by name; jerk inf: acceleration may jump; default six times a quintic's), torque and
             motor_speed (one number or by motor).
         robust: Shares by which payload, stiffness or friction may be off, such as {"payload":
-            0.2}: the same motion must leave these robots still too; limits hold at the nominal one.
+            0.2} (or factors, [0.8, 1.2]): the same motion must leave these robots still too; limits
+            hold at the nominal one.
         target: "joints" or "platform"; default: what the names are of.
         intervals: Of constant jerk.
         close: The search ends when a step hopes for less, as a share of the duration.
@@ -178,7 +180,7 @@ def _task(
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
     first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow))
-    rest = np.array([_rest(x, path) for x, path in zip(models.values(), rigid, strict=True)])
+    rest = np.array([rest_of(x, path) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     return Task(target, moves, limits, band, tuple(models.values()), rigid, rest, box), first, bound
 
@@ -212,7 +214,7 @@ def _slowest(rigid: RigidPath, limits: Limits) -> float:
     return high
 
 
-def _rest(mechanism: Mechanism, path: RigidPath) -> Array:
+def rest_of(mechanism: Mechanism, path: RigidPath) -> Array:
     """Where the platform comes to rest, shape (3,)."""
     found = static_equilibrium(mechanism, path.end)
     frame = mechanism.frame(str(mechanism.description.platform))
@@ -247,7 +249,9 @@ def _searched(
     search = Search(alone, grid, told)
     found = search.go(first, _STEPS, _FIRST * close if many else close)
     if many:
-        found = Search(task, grid, told, max(search.radius, 0.03)).go(found.profile, _STEPS, close)
+        found = Search(task, grid, told, max(search.radius, _RESTART)).go(
+            found.profile, _STEPS, close
+        )
     if not found.kept:
         raise ConvergenceError(
             f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "

@@ -115,14 +115,17 @@ def solved(
 
 
 def end_rows(
-    rows: Rows, by: Array, place: Array, step: float, box: tuple[float, float], unit: float
-) -> None:
+    rows: Rows, by: Array, place: Array, step: float, duration: float, box: tuple[float, float],
+    unit: float,
+) -> None:  # fmt: skip
     """Place and speed at the end within a box, of the first two instants after it."""
     at, rate = np.array([1.5, -0.5]), np.array([-1.0, 1.0]) / step
     for axis in range(3):
-        for weights, most in ((at, box[0]), (rate, box[1])):
-            rows.both((weights @ by[:2, axis])[None], (weights @ place[:2, axis])[None],
-                      0.99 * most, slack=-2, unit=unit * most)  # fmt: skip
+        now, speed = at @ place[:2, axis], rate @ place[:2, axis]
+        by_speed = rate @ by[:2, axis]
+        by_speed[-1] -= speed / duration  # the same places later are a slower speed
+        for value, by_value, most in ((now, at @ by[:2, axis], box[0]), (speed, by_speed, box[1])):
+            rows.both(by_value[None], value[None], 0.99 * most, slack=-2, unit=unit * most)
 
 
 def shake_rows(rows: Rows, by: Array, place: Array, band: float, unit: float) -> None:
@@ -135,9 +138,11 @@ def shake_rows(rows: Rows, by: Array, place: Array, band: float, unit: float) ->
     rows.one(np.einsum("ki,kin->kn", toward, by), size, band, slack=-2, unit=unit)
 
 
-def torque_rows(rows: Rows, by: Array, torque: Array, limits: Sequence[float]) -> None:
+def torque_rows(
+    rows: Rows, by: Array, torque: Array, limits: Sequence[float], within: float = 1.0
+) -> None:
     """|torque| <= its limit at instants, (k, nm), by the numbers, (k, nm, numbers + 1)."""
     for k, most in enumerate(limits):
         if np.isfinite(most):
             near = np.abs(torque[:, k]) > _NEAR * most
-            rows.both(by[near, k], torque[near, k], most, slack=-1)
+            rows.both(by[near, k], torque[near, k], within * most, slack=-1)

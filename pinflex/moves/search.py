@@ -24,10 +24,11 @@ from pinflex.results.result import Result
 
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
 _BEST = 1e-5  # of the duration: a step that gains less is the last
-_RIGID_STEPS, _RADII = 60, (1e-5, 0.1)
+_RIGID_STEPS, _RADII = 60, (1e-4, 0.1)
 _COARSE = 0.02  # of the first shake: what matters beside a duration until it is gone
-_NARROW, _FINEST = 1e-3, 1e-6  # tolerances of runs where the band is a small part of the shake
+_FINER, _JUMPY = 4, 1e-5  # steps for each instant; the tolerance where acceleration jumps
 _OVER = 1e-3  # of a torque limit: between instants and by what equal steps miss
+_WITHIN = 0.998  # of a torque limit that a step aims at, as much as it is off between instants
 _BAND = 0.97  # of the band that a step aims at
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
@@ -182,15 +183,15 @@ class Search:
                 best = new
             if gain > 0.1 * hoped:
                 now, fresh = new, []
-            if hoped < close:
+            if hoped < close or self.radius < _RADII[0]:
                 break
         return best or now
 
     def _look(self, profile: Profile) -> Look:
-        """In equal steps, whose errors limits and band leave room for; by tol for a narrow one."""
-        how = {"dt": profile.duration / (4 * self.grid.moving)}
-        if self.unit > 1.0:
-            how = {"tol": max(_NARROW / self.unit, _FINEST)}
+        """In equal steps, whose errors limits and band leave room for; by tol across jumps."""
+        how = {"dt": profile.duration / (_FINER * self.grid.moving)}
+        if self.task.limits.jumps:
+            how = {"tol": _JUMPY, "asked": ("platform",)}  # torques jump
         return look(self.task, profile, self.grid, how)
 
     def _responses(self, now: Look) -> list[Response]:
@@ -205,13 +206,26 @@ class Search:
         task, limits = self.task, self.task.limits
         rows = programme.Rows(len(now.profile.x))
         programme.of_path(rows, now.profile, limits, task.rigid[0])
-        programme.torque_rows(rows, fresh[0].torque, now.torque, limits.torque.tolist())
+        within = 1.0 if limits.jumps else _WITHIN
+        programme.torque_rows(rows, fresh[0].torque, now.torque, limits.torque.tolist(), within)
+        if limits.jumps:  # a torque is largest where an interval begins or ends
+            by, at = (_at_ends(x, self.grid.each) for x in (fresh[0].torque, now.torque))
+            programme.torque_rows(rows, by, at, limits.torque.tolist())
         every = slice(0, None, max(self.grid.after // 40, 1))
         for one, place in zip(fresh, now.place, strict=True):
             if task.box is None:
                 programme.shake_rows(rows, one.platform[every], place[every], _BAND * task.band,
                                      self.unit * task.band)  # fmt: skip
             else:
-                step = self.grid.step * now.profile.duration
-                programme.end_rows(rows, one.platform, place, step, task.box, self.unit)
-        return programme.solved(rows, now.profile, limits, self.radius, _LONGEST)
+                T = now.profile.duration
+                step = self.grid.step * T
+                programme.end_rows(rows, one.platform, place, step, T, task.box, self.unit)
+        return programme.solved(rows, now.profile, limits, self.radius,
+                                min(_LONGEST, self.radius))  # fmt: skip
+
+
+def _at_ends(x: Array, each: int) -> Array:
+    """Values at both ends of every interval, from the instants inside, (2 n, ...)."""
+    x = x.reshape(-1, each, *x.shape[1:])
+    first, last = 1.5 * x[:, 0] - 0.5 * x[:, 1], 1.5 * x[:, -1] - 0.5 * x[:, -2]
+    return np.concatenate([first, last])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pinflex.description.description import Description
@@ -40,21 +40,27 @@ def varied(mechanism: Mechanism, kind: str, factor: float) -> Mechanism:
     return load(found)
 
 
-def corners(robust: Mapping[str, float]) -> list[dict[str, float]]:
+def corners(robust: Mapping[str, float | Sequence[float]]) -> list[dict[str, float]]:
     """Factors of the models beside the nominal one: opposite ends, where frequencies differ most.
 
-    A heavier payload and softer links lower frequencies, so these two go together.
+    A heavier payload and softer links lower frequencies, so these two go together. A list gives
+    factors one by one.
     """
     for name, share in robust.items():
         if name not in KINDS:
             raise DescriptionError(f"robust: {name}.{nearest(name, KINDS)}")
-        if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
-            raise DescriptionError(f"robust: {name}: {share!r}. Give a share, 0.2 for 20 %.")
-    if not robust:
-        return []
+        for one in share if isinstance(share, Sequence) else [share]:
+            if isinstance(one, bool) or not isinstance(one, int | float) or not 0.0 < one < 2.0:
+                raise DescriptionError(
+                    f"robust: {name}: {one!r}. Give a share, 0.2 for 20 %, or factors, [0.8, 1.2]."
+                )
+    found = [{name: float(x)} for name, many in robust.items() if isinstance(many, Sequence)
+             for x in many]  # fmt: skip
+    shares = {name: x for name, x in robust.items() if not isinstance(x, Sequence)}
     down = {"payload": 1.0, "stiffness": -1.0, "friction": -1.0}
-    return [{name: 1.0 + sign * down[name] * share for name, share in robust.items()}
-            for sign in (-1.0, 1.0)]  # fmt: skip
+    for sign in (-1.0, 1.0) if shares else ():
+        found.append({name: 1.0 + sign * down[name] * x for name, x in shares.items()})
+    return found
 
 
 def variant(mechanism: Mechanism, factors: Mapping[str, float]) -> Mechanism:

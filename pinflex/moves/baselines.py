@@ -1,0 +1,191 @@
+"""The usual ways beside the fastest motion, under the same limits and for the same robots.
+
+Quintic, trapezoid and jerk-limited profiles, plain and shaped by ZV, ZVD and EI: each as fast as
+its limits let it be in a run of the nominal robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description.motions import laws
+from pinflex.description.motions.laws import Kinematics
+from pinflex.description.motions.motion import Motion
+from pinflex.levels.excited import ringing
+from pinflex.levels.modes import modes
+from pinflex.moves.fastest import Fastest
+from pinflex.moves.rigid import RigidPath
+from pinflex.moves.settling import settled
+from pinflex.results.result import Result
+
+PROFILES = ("quintic", "trapezoid", "jerk-limited")
+SHAPERS = ("", "zv", "zvd", "ei")
+_TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
+_RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
+_PLACES = 801
+_OVER = 1e-3  # of a limit, as of the fastest motion
+_TRIES = 3
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """One usual motion.
+
+    Attributes:
+        name: Profile and shaper. ends: Of the motion [s].
+        settled: Time from which every platform stays within the band [s]; inf: not in the run.
+        residual: Largest distance from rest after the end, of the worst model [m].
+        push: Largest torque over its limit.
+        motion: It. run: Of the nominal robot.
+    """
+
+    name: str
+    ends: float
+    settled: float
+    residual: float
+    push: float
+    motion: Motion
+    run: Result
+
+
+def baselines(
+    found: Fastest,
+    progress: Callable[[str], None] | None = None,
+    profiles: tuple[str, ...] = PROFILES,
+    shapers: tuple[str, ...] = SHAPERS,
+) -> tuple[Baseline, ...]:
+    """The usual motions under the limits of a fastest one, the first to be still first."""
+    nominal = found.models["nominal"]
+    rigid = RigidPath(nominal, found.target, found.moves, 1.0)
+    heard = ringing(nominal, found.motion, 1)
+    period = 1.0 / float(modes(nominal, rigid.end, count=1).frequencies[0])
+    rows = []
+    for kind in profiles:
+        for shaper in shapers:
+            name = kind + (f" + {shaper.upper()}" if shaper else "")
+            (progress or (lambda line: None))(name)
+
+            def make(slower: float, kind: str = kind, shaper: str = shaper) -> Motion:
+                plain = _profile(kind, found, slower)
+                if not shaper:
+                    return plain
+                return plain.shaped(shaper, heard.frequencies.tolist(), heard.damping.tolist())
+
+            rows.append(_row(name, found, make, rigid, period))
+    return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
+
+
+def _row(
+    name: str, found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, period: float
+) -> Baseline:
+    """A motion as slow as its limits ask, first of the rigid robot, then of a run."""
+    from pinflex.moves.fastest import rest_of
+
+    room, slower = 1.0, 1.0
+    for _ in range(_TRIES):
+        slower = _slowness(found, make, rigid, room)
+        motion = make(slower)
+        seen = settled(found.models["nominal"], motion, rest_of(found.models["nominal"], rigid),
+                       found.band, motion.duration, period, _TOL)  # fmt: skip
+        push = float(np.max(np.abs(seen.run.torque) / found.limits.torque))
+        if push <= 1.0 + _OVER:
+            break
+        room /= push
+    every = [seen]
+    for model in [*found.models.values()][1:]:
+        path = RigidPath(model, found.target, found.moves, 1.0)
+        every.append(settled(model, motion, rest_of(model, path), found.band, motion.duration,
+                             period, _TOL))  # fmt: skip
+    return Baseline(name, motion.duration, max(x.time for x in every),
+                    max(x.residual for x in every), push, motion, seen.run)  # fmt: skip
+
+
+def _slowness(
+    found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, room: float
+) -> float:
+    """By how much slower than a second a profile is, for the limits of the rigid robot."""
+    limits = found.limits
+    at = int(np.argmax(np.abs([*found.moves.values()])))
+    far = [*found.moves.values()][at]
+
+    def used(slower: float) -> float:
+        motion = make(slower)
+        t = np.linspace(0.0, motion.duration, _PLACES)
+        s, v, a = (x[:, at] / far for x in motion.evaluate(t))
+        tau = rigid.torque(s, v, a)[0]
+        turn = np.abs(rigid.motor_speed(s) * v[:, None])
+        return max(float(np.max(np.abs(tau) / limits.torque)) / room,
+                   float(np.max(turn / limits.motor_speed)), float(np.max(np.abs(v)) / limits.speed),
+                   float(np.max(np.abs(a)) / limits.acceleration))  # fmt: skip
+
+    low, high = 1e-3, 1e3
+    while high / low > 1.0 + 1e-5:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
+    return high
+
+
+def _profile(kind: str, found: Fastest, slower: float) -> Motion:
+    """A plain profile; of a jerk-limited one the acceleration falls as `slower` grows."""
+    names, far = tuple(found.moves), np.array([*found.moves.values()])
+    corners: tuple[float, ...] = ()
+    if kind == "jerk-limited":
+        law, end, corners = jerk_limited(found.limits.speed, slower**-2, found.limits.jerk)
+        return Motion(kind, found.target, names, end, partial(_scaled, law, far), corners=corners)
+    if kind == "quintic":
+        return Motion(
+            kind, found.target, names, slower, partial(laws.move, laws.quintic, far, slower)
+        )
+    shape = partial(laws.trapezoid, _RAMP)
+    corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
+    return Motion("trapezoidal", found.target, names, slower,
+                  partial(laws.move, shape, far, slower), corners=corners)  # fmt: skip
+
+
+def _scaled(law: Callable[[Array], tuple[Array, Array, Array]], far: Array, t: Array) -> Kinematics:
+    s, v, a = (x[:, None] * far for x in law(t))
+    return s, v, a
+
+
+def jerk_limited(
+    speed: float, acceleration: float, jerk: float
+) -> tuple[Callable[[Array], tuple[Array, Array, Array]], float, tuple[float, ...]]:
+    """From 0 to 1 in seven pieces of constant jerk: its law, its end and its corners [s].
+
+    Source: Biagiotti and Melchiorri (2008), Trajectory Planning, section 3.4.
+    """
+    v, a = speed, min(acceleration, 1e12)
+    if not np.isfinite(jerk):
+        jerk = 1e9 * a
+    if v * jerk < a**2:
+        a = np.sqrt(v * jerk)
+    if not np.isfinite(v) or v * (v / a + a / jerk) > 1.0:  # the top speed is not reached
+        v = 0.5 * (np.sqrt((a**2 / jerk) ** 2 + 4.0 * a) - a**2 / jerk)
+        if v * jerk < a**2:  # nor the acceleration: 1 = 2 a^3 / jerk^2
+            a = (0.5 * jerk**2) ** (1.0 / 3.0)
+            v = a**2 / jerk
+    rise, up = a / jerk, v / a + a / jerk
+    cruise = max(1.0 / v - up, 0.0)
+    ends = np.cumsum([0.0, rise, up - 2 * rise, rise, cruise, rise, up - 2 * rise, rise])
+    jerks = np.array([jerk, 0.0, -jerk, 0.0, -jerk, 0.0, jerk])
+    states = np.zeros((8, 3))
+    for k, (h, j) in enumerate(zip(np.diff(ends), jerks, strict=True)):
+        s0, v0, a0 = states[k]
+        states[k + 1] = (s0 + v0 * h + a0 * h * h / 2 + j * h**3 / 6, v0 + a0 * h + j * h * h / 2,
+                         a0 + j * h)  # fmt: skip
+
+    def law(t: Array) -> tuple[Array, Array, Array]:
+        piece = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, 6)
+        h, j = t - ends[piece], jerks[piece]
+        s0, v0, a0 = states[piece].T
+        rest = t >= ends[-1]
+        s = s0 + v0 * h + a0 * h * h / 2 + j * h**3 / 6
+        return (np.where(rest, 1.0, s), np.where(rest, 0.0, v0 + a0 * h + j * h * h / 2),
+                np.where(rest, 0.0, a0 + j * h))  # fmt: skip
+
+    return law, float(ends[-1]), tuple(float(x) for x in np.unique(ends[1:-1]))
