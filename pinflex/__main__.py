@@ -20,7 +20,8 @@ from pinflex.cli.parser import Overview, Parser
 from pinflex.errors import KernelWarning, PinflexError, quoted
 
 _COMMANDS = (  # in the order of the help
-    *("check", "modes", "advise", "command", "shapers", "frf", "solve", "compare"),
+    *("check", "modes", "advise", "command", "move", "shapers", "frf"),
+    *("solve", "compare"),
     *("sweep", "map", "sensitivity", "design", "fit", "bench", "export"),
     *("view", "verify", "importing", "schema", "completion"),
 )

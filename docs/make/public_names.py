@@ -17,6 +17,7 @@ TITLES = {
     "results": "Results",
     "levels": "Equilibria and vibration",
     "inversion": "Motor commands and linear models",
+    "moves": "The fastest move",
     "studies": "Many cases",
     "variation": "Sensitivity, design, scatter, fit",
     "viewer": "See it",

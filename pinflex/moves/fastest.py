@@ -11,6 +11,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, quintic
+from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError
 from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import static_equilibrium
@@ -21,8 +22,10 @@ from pinflex.moves.limits import Limits, limits_of, with_jerk
 from pinflex.moves.profile import Profile, fitted
 from pinflex.moves.response import Grid
 from pinflex.moves.rigid import RigidPath
+from pinflex.moves.robustness import Off, robustness
 from pinflex.moves.search import Look, Search, Task, rigid_least
 from pinflex.moves.settling import Settled, settled
+from pinflex.moves.text import text
 from pinflex.moves.variants import corners, variant
 from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
@@ -57,6 +60,7 @@ class Fastest:
         limits: Along the path and of the motors.
         runs: The coupled runs that verify, by name of the model; "nominal" is the first.
         motion: Usable in `pf.solve`.
+        frame: The platform. rest: Where that of the nominal robot comes to rest [m], shape (3,).
         steps: Linear programmes solved.
     """
 
@@ -76,7 +80,32 @@ class Fastest:
     runs: dict[str, Result] = field(repr=False)
     models: dict[str, Mechanism] = field(repr=False)
     profile: Profile = field(repr=False)
+    frame: str
+    rest: Array = field(repr=False)
     steps: int = 0
+
+    @property
+    def shares_of_torque(self) -> float:
+        """Largest use of a torque limit [-]."""
+        return max((x for name, x in self.shares.items() if "torque" in name), default=0.0)
+
+    def __str__(self) -> str:
+        return text(self)
+
+    def baselines(self, progress: Callable[[str], None] | None = None) -> tuple[Any, ...]:
+        """Quintic, trapezoid and jerk-limited profiles, plain and shaped, under the same limits."""
+        from pinflex.moves.baselines import baselines
+
+        return baselines(self, progress)
+
+    def robustness(self, share: float = 0.05) -> tuple[Off, ...]:
+        """What it does where payload, stiffness or friction are off by a share, both ways."""
+        until = float(self.runs["nominal"].t[-1])
+        return robustness(self.models["nominal"], self.motion, until, self.duration, share)
+
+    def plot(self, rows: Sequence[Any] = ()) -> Any:
+        """Draw speed, distance from rest and torques, `rows` of `baselines` beside it; the axes."""
+        return door("studies.plot_fastest", "plot_fastest")(self, rows)
 
     def __repr__(self) -> str:
         return (
@@ -276,7 +305,8 @@ def _told(
     return Fastest(
         task.models[0].name, task.target, task.moves, found.profile.duration,
         max(x.time for x in seen.values()), task.band, worst.residual, worst.bar, holds, shares,
-        bound, task.limits, motion, runs, models, found.profile, steps,
+        bound, task.limits, motion, runs, models, found.profile,
+        str(task.models[0].description.platform), task.rest[0], steps,
     )  # fmt: skip
 
 

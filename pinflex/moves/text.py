@@ -1,0 +1,69 @@
+"""The report of a fastest motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pinflex.text import length, number, paragraph, percent, report, table
+
+if TYPE_CHECKING:
+    from pinflex.moves.baselines import Baseline
+    from pinflex.moves.fastest import Fastest
+    from pinflex.moves.robustness import Off
+
+_NAMED = 3  # limits that hold a motion, the most
+
+
+def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ()) -> str:
+    """What was found, what holds it, and what stands beside it."""
+    holds = ", ".join(
+        f"{name} ({percent(x)} of the time)" for name, x in [*found.holds.items()][:_NAMED]
+    )
+    bound = found.duration / found.rigid - 1.0
+    head = (
+        f"{found.name}: the fastest move takes {found.duration:.4g} s. From its end on the platform "
+        f"stays within {length(found.residual)} of where it comes to rest ({length(found.band)} "
+        f"asked; runs are right to {length(found.bar)}). The rigid robot's own least time is "
+        f"{found.rigid:.4g} s, {percent(bound)} less. "
+        + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
+    )
+    return report(
+        paragraph(head),
+        table("Largest use of each limit", "limit|used [%]",
+              [[name, number(100 * x)] for name, x in found.shares.items()], (36,)),
+        _robots(found),
+        _baselines(found, rows),
+        robust_table(off),
+    )  # fmt: skip
+
+
+def _robots(found: Fastest) -> str:
+    if len(found.runs) < 2:
+        return ""
+    return paragraph("The same motion leaves these robots as still: "
+                     + "; ".join([*found.runs][1:]) + ".")  # fmt: skip
+
+
+def _baselines(found: Fastest, rows: Sequence[Baseline]) -> str:
+    if not rows:
+        return ""
+    mine = ["fastest", f"{found.duration:.4f}", f"{found.settled:.4f}", "-", length(found.residual),
+            number(100 * found.shares_of_torque)]  # fmt: skip
+    cells = [mine] + [
+        [row.name, f"{row.ends:.4f}", f"{row.settled:.4f}" if np.isfinite(row.settled) else "later",
+         percent(row.settled / found.duration - 1.0, 3, "+") if np.isfinite(row.settled) else "-",
+         length(row.residual), number(100 * row.push)]
+        for row in rows
+    ]  # fmt: skip
+    heads = "motion|ends [s]|still from [s]|longer|shakes after its end|torque [%]"
+    return table("Beside it, under the same limits and for the same robots", heads, cells, (22,))
+
+
+def robust_table(off: Sequence[Off]) -> str:
+    """How far the platform is off, and what it shakes, where the robot is another one."""
+    cells = [[one.what, length(one.error), length(one.shake)] for one in off]
+    return table("How robust is it?", "the robot differs by|platform off|shakes after the end",
+                 cells, (30,))  # fmt: skip
