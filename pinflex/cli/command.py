@@ -62,6 +62,10 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
     p.add_argument(
         "--plot", metavar="FILE", help="with --verify: a figure of both (.png, .pdf, .svg)"
     )
+    p.add_argument(
+        "--off", action="store_true",
+        help="runs with payload, stiffness and friction 5 %% off: platform error, residual swing",
+    )  # fmt: skip
     p.add_argument("--view", metavar="FILE.html", help="with --verify: a page that plays both")
 
 
@@ -72,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice.error_bars import platform_bar
     from pinflex.inversion.command import command
     from pinflex.inversion.verify import followed
+    from pinflex.moves.text import robust_table
     from pinflex.results.drives import drive_table, row_of
     from pinflex.solver.solve import default_motion
 
@@ -111,12 +116,17 @@ def run(args: argparse.Namespace) -> int:
         for name, side in found.drives.items()
     ]
     data = _numbers(found, model, runs) | {"drives": [asdict(row) for row in rows], "files": files}
+    off = _off(mechanism, found) if args.off else ()
+    if off:
+        data["off"] = {x.what: {"error": x.error, "shake": x.shake} for x in off}
     if args.json:
         print_json(data)
     else:
         print(_text(data, drive_table(rows)))
         if args.rate is not None:
             print(paragraph(found.at_rate(args.rate).text()) + "\n")
+        if off:
+            print(robust_table(off) + "\n")
         say_written(files, "-o FILE.csv")
     return 0
 
@@ -127,6 +137,15 @@ def _written(found: Command, path: str, rate: float | None) -> Path:
         found.to_joint_trajectory(path, rate)
         return Path(path)
     return found.to_csv(path, rate)
+
+
+def _off(mechanism: Any, found: Any) -> Any:
+    """What robots that are 5 % off do with the command."""
+    from pinflex.moves.robustness import robustness
+
+    end = float(found.t[-1])
+    with working("running robots that are off"):
+        return robustness(mechanism, found.motion, end, end - found.after)
 
 
 def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, Any]) -> list[Path]:

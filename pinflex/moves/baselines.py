@@ -29,6 +29,7 @@ _TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
 _RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
 _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
+_ROUND = 1e-6  # of a limit that a profile just reaches
 _TRIES = 3
 
 
@@ -126,7 +127,7 @@ def _slowness(
     low, high = 1e-3, 1e3
     while high / low > 1.0 + 1e-5:
         middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
+        low, high = (middle, high) if used(middle) > 1.0 + _ROUND else (low, middle)
     return high
 
 

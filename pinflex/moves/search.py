@@ -183,7 +183,7 @@ class Search:
                 best = new
             if gain > 0.1 * hoped:
                 now, fresh = new, []
-            if hoped < close or self.radius < _RADII[0]:
+            if (hoped < close and best is not None) or self.radius < _RADII[0]:
                 break
         return best or now
 

@@ -1,0 +1,129 @@
+"""The fastest motion: against a published time, closed forms, and runs that know nothing of it."""
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.moves.baselines import jerk_limited
+from pinflex.moves.limits import limits_of
+from pinflex.moves.profile import Profile, basis, fitted
+from pinflex.moves.response import Grid
+from pinflex.moves.rigid import RigidPath
+from pinflex.moves.search import Search, Task, rigid_least
+from pinflex.moves.variants import corners, varied
+
+MASS = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+LIMIT = '<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="100"/>'
+TWO = f"""<robot name="two"><link name="rail"/>
+<link name="cart"><inertial>{MASS}</inertial></link>
+<link name="load"><inertial>{MASS}</inertial></link>
+<joint name="drive" type="prismatic"><parent link="rail"/><child link="cart"/>{LIMIT}</joint>
+<joint name="spring" type="prismatic"><parent link="cart"/><child link="load"/>{LIMIT}</joint>
+</robot>"""
+YAML = """urdf: two.urdf
+gravity: [0, 0, 0]
+actuated: [drive]
+joints: {spring: {spring: 1}}
+platform: load
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("two")
+    (folder / "two.urdf").write_text(TWO)
+    (folder / "two.yaml").write_text(YAML)
+    return pf.load(folder / "two.yaml")
+
+
+def test_two_masses_take_the_published_least_time(two):
+    """1-1, spring 1, |u| <= 1, one unit: 4.21786651 (Liu and Wie 1992 print 4.218)."""
+    found = pf.fastest(two, {"drive": 1.0}, settle=2e-5, limits={"jerk": np.inf}, intervals=42,
+                       close=1e-4)  # fmt: skip
+    # a switch inside one of 42 intervals costs up to its square, (4.2 / 42)^2 / 8 = 1.3e-3; a band
+    # of 2e-5 and torques 1e-3 over, which a run may show, save less than 4.2 * 1e-3 / 2
+    assert -1e-3 < found.duration - 4.21786651 < 1.3e-3
+    assert found.rigid == pytest.approx(2 * np.sqrt(2.0), rel=2e-3)  # bang-bang of mass 2
+    run = pf.solve(two, found.motion, level="coupled", tol=1e-3, until=8.0, samples=801)
+    away = np.abs(run.frame("load").position[run.t > found.duration, 0] - 1.0)
+    assert away.max() < 1e-3  # a run at tol 1e-3 of a spring that gives way by 0.8
+
+
+def test_numbers_of_a_profile_are_its_polynomials():
+    """Constant jerk: s = j u^3 / 6; a jump of acceleration at u = 1/2 adds (u - 1/2)^2 / 2."""
+    u = np.linspace(0.0, 1.0, 11)
+    B = basis(4, True, u)
+    s, v, a = B[:, :, :4] @ np.full(4, 6.0)
+    np.testing.assert_allclose([s, v, a], [u**3, 3 * u**2, 6 * u], atol=1e-14)  # round-off
+    late = np.maximum(u - 0.5, 0.0)
+    np.testing.assert_allclose(B[0, :, 4 + 2], 0.5 * late**2, atol=1e-15)
+
+
+@pytest.mark.parametrize("speed, acceleration, jerk, end", [
+    (1.0, 2.0, 8.0, 1.0 + 0.5 + 0.25),  # all reached: 1/v + v/a + a/j
+    (9.0, 2.0, 8.0, None),  # no cruise: a v (v/a + a/j) = 1
+    (9.0, 99.0, 32.0, 4.0 * (1.0 / 64.0) ** (1.0 / 3.0)),  # jerk alone: T = (32 / j)^(1/3)
+])  # fmt: skip
+def test_a_jerk_limited_profile_takes_what_its_closed_form_says(speed, acceleration, jerk, end):
+    law, T, corners_ = jerk_limited(speed, acceleration, jerk)
+    if end is None:
+        end = 0.25 + np.sqrt(
+            0.25**2 + 4.0 / 2.0
+        )  # v = (sqrt(r^2 a^2 + 4 a) - r a) / 2; T = 2 v/a + 2 r
+    s, v, a = law(np.linspace(0.0, T, 20001))
+    assert pytest.approx(end, rel=1e-12) == T
+    assert s[-2] == pytest.approx(1.0, abs=1e-6)  # a step of T / 2e4 before the end
+    assert v.max() <= speed * (1 + 1e-12) and np.abs(a).max() <= acceleration * (1 + 1e-12)
+
+
+def test_the_rigid_least_time_of_a_mass_is_bang_bang(two):
+    """Mass 2, force 1, one unit: T = 2 sqrt(2)."""
+    limits = limits_of(two, "joints", {"drive": 1.0}, {"jerk": np.inf})
+    first = fitted(pf.quintic(joints={"drive": 1.0}, duration=4.0), np.ones(1), 20, True)
+    found = rigid_least(RigidPath(two, "joints", {"drive": 1.0}, 1.0), limits, first)
+    assert found.duration == pytest.approx(2 * np.sqrt(2.0), rel=1e-4)  # its last step gains 1e-5
+
+
+def test_derivatives_are_those_of_runs(two):
+    """About a motion that shakes: numbers and duration, torques and the platform after the end."""
+    limits = limits_of(two, "joints", {"drive": 1.0}, {"jerk": np.inf})
+    path = RigidPath(two, "joints", {"drive": 1.0}, 1.0)
+    task = Task("joints", {"drive": 1.0}, limits, 1e-3, (two,), (path,), np.array([[1.0, 0, 0]]))
+    search = Search(task, Grid(20, 8, 80), lambda now: None)
+    first = fitted(pf.quintic(joints={"drive": 1.0}, duration=3.0), np.ones(1), 20, True)
+    at = search._look(first)
+    by = search._responses(at)[0]
+    ends = basis(20, True, np.array([1.0]))[:, 0]
+    dx = np.random.default_rng(0).standard_normal(len(first.x))
+    dx -= np.linalg.pinv(ends) @ (ends @ dx)
+    for change, longer in ((0.1 * dx, 0.0), (0.0 * dx, 0.01)):
+        new = search._look(Profile(20, first.x + change, 3.0 + longer))
+        step = np.append(change, longer)
+        for got, want in ((by.torque @ step, new.torque - at.torque),
+                          (by.platform @ step, (new.place - at.place)[0])):  # fmt: skip
+            # second order in the step of 1/160, and in the change of 0.3 %
+            assert np.abs(got - want).max() < 1e-2 * np.abs(want).max()
+
+
+def test_robots_that_are_off_are_heavier_or_softer(two):
+    """A fixed cart: f = sqrt(k/m) / 2 pi."""
+    base = pf.modes(two).frequencies[0]
+    assert base == pytest.approx(1.0 / (2 * np.pi), rel=1e-9)
+    heavy, soft = varied(two, "payload", 1.21), varied(two, "stiffness", 0.81)
+    assert pf.modes(heavy).frequencies[0] == pytest.approx(base / 1.1, rel=1e-9)
+    assert pf.modes(soft).frequencies[0] == pytest.approx(base * 0.9, rel=1e-9)
+    slow, fast = sorted(corners({"payload": 0.2, "stiffness": 0.1}), key=lambda x: x["stiffness"])
+    assert slow == {"payload": 1.2, "stiffness": 0.9} and fast == {"payload": 0.8, "stiffness": 1.1}
+    with pytest.raises(pf.DescriptionError, match="friction"):
+        varied(two, "friction", 2.0)
+    with pytest.raises(pf.DescriptionError, match='Did you mean "payload"'):
+        corners({"paylod": 0.2})
+
+
+def test_what_makes_no_motion_is_refused(two):
+    for given, word in (({"spead": 1.0}, 'Did you mean "speed"'), ({"torque": -1.0}, "above 0"),
+                        ({"torque": {"motor": 1.0}}, "not a motor")):  # fmt: skip
+        with pytest.raises(pf.DescriptionError, match=word):
+            pf.fastest(two, {"drive": 1.0}, settle=1e-3, limits=given)
+    with pytest.raises(pf.DescriptionError, match="nothing moves"):
+        pf.fastest(two, {"drive": 0.0}, settle=1e-3)
