@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,7 @@ _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
 _ROUND = 1e-6  # of a limit that a profile just reaches
 _TRIES = 3
+_HEARD = 2  # modes that shapers cancel, at the most
 
 
 @dataclass(frozen=True)
@@ -63,22 +65,34 @@ def baselines(
     """The usual motions under the limits of a fastest one, the first to be still first."""
     nominal = found.models["nominal"]
     rigid = RigidPath(nominal, found.target, found.moves, 1.0)
-    heard = ringing(nominal, found.motion, 1)
+    heard = ringing(nominal, found.motion, _HEARD)
+    loud = np.argsort(-heard.energy)
     period = 1.0 / float(modes(nominal, rigid.end, count=1).frequencies[0])
+    gain = np.abs(rigid.motor_speed(np.linspace(0.0, 1.0, 101))).max(axis=0)
+    turning = gain > 0.0
+    top = float(np.min(found.limits.motor_speed[turning] / gain[turning], initial=np.inf))
+    top = min(found.limits.speed, top)
     rows = []
     for kind in profiles:
-        for shaper in shapers:
-            name = kind + (f" + {shaper.upper()}" if shaper else "")
+        for shaper, count in _shapers(shapers, len(loud)):
+            name = kind + (f" + {shaper.upper()} of {count}" if shaper else "")
             (progress or (lambda line: None))(name)
+            some = np.sort(loud[:count])
+            cancelled = heard.frequencies[some].tolist(), heard.damping[some].tolist()
 
-            def make(slower: float, kind: str = kind, shaper: str = shaper) -> Motion:
-                plain = _profile(kind, found, slower)
-                if not shaper:
-                    return plain
-                return plain.shaped(shaper, heard.frequencies.tolist(), heard.damping.tolist())
+            def make(
+                slower: float, kind: str = kind, shaper: str = shaper, cancelled: Any = cancelled
+            ) -> Motion:
+                plain = _profile(kind, found, slower, top)
+                return plain.shaped(shaper, *cancelled) if shaper else plain
 
             rows.append(_row(name, found, make, rigid, period))
     return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
+
+
+def _shapers(kinds: tuple[str, ...], modes: int) -> list[tuple[str, int]]:
+    """Each shaper of the loudest mode, and of two."""
+    return [(kind, n) for kind in kinds for n in (range(1, modes + 1) if kind else (0,))]
 
 
 def _row(
@@ -121,7 +135,8 @@ def _slowness(
         tau = rigid.torque(s, v, a)[0]
         turn = np.abs(rigid.motor_speed(s) * v[:, None])
         return max(float(np.max(np.abs(tau) / limits.torque)) / room,
-                   float(np.max(turn / limits.motor_speed)), float(np.max(np.abs(v)) / limits.speed),
+                   float(np.max(turn / limits.motor_speed)),
+                   float(np.max(np.abs(v)) / limits.speed),
                    float(np.max(np.abs(a)) / limits.acceleration))  # fmt: skip
 
     low, high = 1e-3, 1e3
@@ -131,12 +146,12 @@ def _slowness(
     return high
 
 
-def _profile(kind: str, found: Fastest, slower: float) -> Motion:
-    """A plain profile; of a jerk-limited one the acceleration falls as `slower` grows."""
+def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
+    """A plain profile; of a jerk-limited one up to a top speed, `slower` lowers accelerations."""
     names, far = tuple(found.moves), np.array([*found.moves.values()])
     corners: tuple[float, ...] = ()
     if kind == "jerk-limited":
-        law, end, corners = jerk_limited(found.limits.speed, slower**-2, found.limits.jerk)
+        law, end, corners = jerk_limited(top, slower**-2, found.limits.jerk)
         return Motion(kind, found.target, names, end, partial(_scaled, law, far), corners=corners)
     if kind == "quintic":
         return Motion(

@@ -204,8 +204,8 @@ def _task(
     rigid = tuple(RigidPath(x, target, moves, 1.0) for x in models.values())
     slow = _slowest(rigid[0], limits)
     limits = with_jerk(limits, _JERK * 60.0 / slow**3)
-    start = fitted(quintic(joints=moves, duration=slow) if target == "joints"
-                   else quintic(platform=moves, duration=slow), far, intervals, limits.jumps)  # fmt: skip
+    make = {"joints": moves} if target == "joints" else {"platform": moves}
+    start = fitted(quintic(**make, duration=slow), far, intervals, limits.jumps)
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
     first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow))
@@ -228,8 +228,8 @@ def _slowest(rigid: RigidPath, limits: Limits) -> float:
         speed = np.abs(rigid.motor_speed(s)) * v[:, None] / T
         jerk = 0.0 if np.isnan(limits.jerk) else 60.0 / T**3 / limits.jerk
         along = v.max() / T / limits.speed, np.abs(a).max() / T**2 / limits.acceleration, jerk
-        return max(*along, float(np.max(np.abs(tau) / limits.torque)),
-                   float(np.max(speed / limits.motor_speed)))  # fmt: skip
+        motors = np.max(np.abs(tau) / limits.torque), np.max(speed / limits.motor_speed)
+        return float(max(*along, *motors))
 
     low, high = 1e-3, 1e3
     if not 0.0 < used(high) < 1.0 or used(low) < 1.0:

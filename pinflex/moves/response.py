@@ -169,20 +169,20 @@ class _March:
 
     def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, Array]]:
         """Instant by instant: its number, its system, and the inverse of its step."""
-        grid, block = self.grid, np.ix_(free, free)
-        weights = self.scheme.weights(self.h)
+        grid = self.grid
         for start in range(0, grid.moving + 1, _WINDOW):
             every = self._tangents(slice(start, min(start + _WINDOW, grid.moving + 1)))
-            steps = np.linalg.inv([
-                saddle_matrix(sum(w * x for w, x in zip(weights, now[:3], strict=True))[block],
-                              now.J[:, free])
-                for now in every
-            ])  # fmt: skip
+            steps = np.linalg.inv(np.array([self._step(now, free) for now in every]))
             for i, (now, step) in enumerate(zip(every, steps, strict=True)):
                 if start + i < grid.moving:
                     yield start + i, now, step
         for k in range(grid.moving, grid.moving + grid.after):
             yield k, now, step
+
+    def _step(self, now: _System, free: IntArray) -> Array:
+        by_a, by_v, by_d = self.scheme.weights(self.h)
+        S = by_a * now.M + by_v * now.C + by_d * now.K
+        return saddle_matrix(S[np.ix_(free, free)], now.J[:, free])
 
     def _tangents(self, some: slice) -> list[_System]:
         """The systems at some instants of the run; the last one stands for all at rest."""
@@ -190,7 +190,9 @@ class _March:
         t, y, v, a, lam = (x[some] for x in (self.t, self.y, self.v, self.a, self.lam))
         compiled = dynamics.compiled
         if compiled is None:
-            found = [dynamics.tangent(*x[:4], float(x[4])) for x in zip(y, v, a, lam, t)]
+            found = [
+                dynamics.tangent(*x[:4], float(x[4])) for x in zip(y, v, a, lam, t, strict=True)
+            ]
             return [self._damped(_System(*x), y[i]) for i, x in enumerate(found)]
         rows, all_ = lam.shape[1], np.arange(n)
         at = entries_of("MCKJ", n, rows, all_, all_)
@@ -198,7 +200,7 @@ class _March:
         linear_systems(compiled.evaluator, (y, v, a, lam, compiled.scale(t)), at, result)
         square = result[:, : 3 * n * n].reshape(-1, 3, n, n)
         J = result[:, 3 * n * n :].reshape(len(t), rows, n)
-        return [self._damped(_System(*x, J[i]), y[i]) for i, x in enumerate(square)]
+        return [self._damped(_System(x[0], x[1], x[2], J[i]), y[i]) for i, x in enumerate(square)]
 
     def _damped(self, now: _System, y: Array) -> _System:
         alpha, beta = self.mechanism.description.system_damping

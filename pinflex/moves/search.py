@@ -189,7 +189,7 @@ class Search:
 
     def _look(self, profile: Profile) -> Look:
         """In equal steps, whose errors limits and band leave room for; by tol across jumps."""
-        how = {"dt": profile.duration / (_FINER * self.grid.moving)}
+        how: dict[str, Any] = {"dt": profile.duration / (_FINER * self.grid.moving)}
         if self.task.limits.jumps:
             how = {"tol": _JUMPY, "asked": ("platform",)}  # torques jump
         return look(self.task, profile, self.grid, how)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def settled(
     """Run a motion that ends at `end` [s], and watch the platform."""
     until = until or end + _WATCHED * period
     samples = int(np.clip(_SAMPLES * until / period, 1200, 6000)) + 1
-    told = {"until": until, "samples": samples, "level": "coupled"}
+    told: dict[str, Any] = {"until": until, "samples": samples, "level": "coupled"}
     try:
         run = solve(mechanism, motion, tol=tol, **told)
         wrong, half = time_error(run.meta.get("settings", {}), run.level)[0], None

@@ -84,12 +84,12 @@ def _loaded(description: Description, factor: float) -> Description:
         )
     for element, keys in (
         ("mass", ("value",)),
-        ("inertia", tuple("ixx ixy ixz iyy iyz izz".split())),
+        ("inertia", ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
     ):
-        found = link.find(f"inertial/{element}")
+        part = link.find(f"inertial/{element}")
         for key in keys:
-            if found is not None and found.get(key) is not None:
-                found.set(key, repr(float(str(found.get(key))) * factor))
+            if part is not None and part.get(key) is not None:
+                part.set(key, repr(float(str(part.get(key))) * factor))
     return replace(description, urdf_text=ET.tostring(root, encoding="unicode"))
 
 

@@ -1,4 +1,4 @@
-"""The figure of `pinflex move`: speeds, platforms and torques of the fastest motion and of others."""
+"""The figure of `pinflex move`: speeds, platforms, torques of the fastest and of others."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_numbers_of_a_profile_are_its_polynomials():
     (9.0, 99.0, 32.0, 4.0 * (1.0 / 64.0) ** (1.0 / 3.0)),  # jerk alone: T = (32 / j)^(1/3)
 ])  # fmt: skip
 def test_a_jerk_limited_profile_takes_what_its_closed_form_says(speed, acceleration, jerk, end):
-    law, T, corners_ = jerk_limited(speed, acceleration, jerk)
+    law, T, _ = jerk_limited(speed, acceleration, jerk)
     if end is None:
         end = 0.25 + np.sqrt(
             0.25**2 + 4.0 / 2.0
