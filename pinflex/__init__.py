@@ -25,7 +25,7 @@ Where the code is; each package imports only those above it:
     live          one step at a time: the simulator in the loop, its sensors, C sources, FMU
     advice        which level, links, planes, modes and tolerance a scene needs; error bars
     inversion     motor motions that the flexible robot's platform follows; linear models
-    moves         the fastest motion that keeps limits and does not shake; what it is measured by
+    quickest      the fastest motion that keeps limits and does not shake; what it is measured by
     viewer        a result as a page, pictures, films and figures; reads `results` alone
     browser       a page that solves its scene again: the kernel as WebAssembly, sliders
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from pinflex.live.sensors import Encoder, Imu, StrainGauge
     from pinflex.live.simulator import Simulator
     from pinflex.mechanics.mechanism import Mechanism, load
-    from pinflex.moves.fastest import Fastest, fastest
+    from pinflex.quickest.fastest import Fastest, fastest
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
     from pinflex.solver.solve import recompute
@@ -293,7 +293,7 @@ _HOME = {
         "Mechanism",
         "load",
     ),
-    "moves.fastest": (
+    "quickest.fastest": (
         "Fastest",
         "fastest",
     ),

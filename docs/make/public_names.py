@@ -17,7 +17,7 @@ TITLES = {
     "results": "Results",
     "levels": "Equilibria and vibration",
     "inversion": "Motor commands and linear models",
-    "moves": "The fastest move",
+    "quickest": "The fastest move",
     "studies": "Many cases",
     "variation": "Sensitivity, design, scatter, fit",
     "viewer": "See it",

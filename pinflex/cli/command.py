@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.advice.error_bars import platform_bar
     from pinflex.inversion.command import command
     from pinflex.inversion.verify import followed
-    from pinflex.moves.text import robust_table
+    from pinflex.quickest.text import robust_table
     from pinflex.results.drives import drive_table, row_of
     from pinflex.solver.solve import default_motion
 
@@ -141,7 +141,7 @@ def _written(found: Command, path: str, rate: float | None) -> Path:
 
 def _off(mechanism: Any, found: Any) -> Any:
     """What robots that are 5 % off do with the command."""
-    from pinflex.moves.robustness import robustness
+    from pinflex.quickest.robustness import robustness
 
     end = float(found.t[-1])
     with working("running robots that are off"):

@@ -26,8 +26,8 @@ def add(commands: parser.Commands) -> None:
 Finds the shortest motion, from rest to rest, that keeps speed, acceleration, jerk and torque
 limits (of the URDF, or as said here) and from whose end on the platform stays within a distance of
 where it comes to rest: linear programmes about coupled runs of the flexible robot, until the runs
-themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk); --robust asks
-that the same motion leaves a heavier and a lighter robot as still; --baselines puts the usual
+themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk);
+--robust asks that the same motion leaves a heavier and a lighter robot as still; --baselines puts the usual
 profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off do.""",
         "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     )
@@ -82,9 +82,9 @@ def _pairs(texts: list[str], option: str) -> dict[str, float]:
 def run(args: argparse.Namespace) -> int:
     """Find it, write it, put others beside it."""
     from pinflex.description.motions.motion import quintic
-    from pinflex.moves.fastest import fastest
-    from pinflex.moves.limits import of_motion
-    from pinflex.moves.text import text
+    from pinflex.quickest.fastest import fastest
+    from pinflex.quickest.limits import of_motion
+    from pinflex.quickest.text import text
 
     to, robust = _pairs(args.to, "to"), _pairs(args.robust, "robust")
     if not to:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.moves.baselines import Baseline
-from pinflex.moves.fastest import Fastest
+from pinflex.quickest.baselines import Baseline
+from pinflex.quickest.fastest import Fastest
 from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, title
 
 if TYPE_CHECKING:

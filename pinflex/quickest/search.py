@@ -15,11 +15,11 @@ import numpy as np
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.moves import programme
-from pinflex.moves.limits import Limits
-from pinflex.moves.profile import Profile, basis
-from pinflex.moves.response import Grid, Response, response
-from pinflex.moves.rigid import RigidPath
+from pinflex.quickest import programme
+from pinflex.quickest.limits import Limits
+from pinflex.quickest.profile import Profile, basis
+from pinflex.quickest.response import Grid, Response, response
+from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
 
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held

@@ -18,15 +18,15 @@ from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.moves.limits import Limits, limits_of, with_jerk
-from pinflex.moves.profile import Profile, fitted
-from pinflex.moves.response import Grid
-from pinflex.moves.rigid import RigidPath
-from pinflex.moves.robustness import Off, robustness
-from pinflex.moves.search import Look, Search, Task, rigid_least
-from pinflex.moves.settling import Settled, settled
-from pinflex.moves.text import text
-from pinflex.moves.variants import corners, variant
+from pinflex.quickest.limits import Limits, limits_of, with_jerk
+from pinflex.quickest.profile import Profile, fitted
+from pinflex.quickest.response import Grid
+from pinflex.quickest.rigid import RigidPath
+from pinflex.quickest.robustness import Off, robustness
+from pinflex.quickest.search import Look, Search, Task, rigid_least
+from pinflex.quickest.settling import Settled, settled
+from pinflex.quickest.text import text
+from pinflex.quickest.variants import corners, variant
 from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
@@ -94,7 +94,7 @@ class Fastest:
 
     def baselines(self, progress: Callable[[str], None] | None = None) -> tuple[Any, ...]:
         """Quintic, trapezoid and jerk-limited profiles, plain and shaped, under the same limits."""
-        from pinflex.moves.baselines import baselines
+        from pinflex.quickest.baselines import baselines
 
         return baselines(self, progress)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.moves.baselines import jerk_limited
-from pinflex.moves.limits import limits_of
-from pinflex.moves.profile import Profile, basis, fitted
-from pinflex.moves.response import Grid
-from pinflex.moves.rigid import RigidPath
-from pinflex.moves.search import Search, Task, rigid_least
-from pinflex.moves.variants import corners, varied
+from pinflex.quickest.baselines import jerk_limited
+from pinflex.quickest.limits import limits_of
+from pinflex.quickest.profile import Profile, basis, fitted
+from pinflex.quickest.response import Grid
+from pinflex.quickest.rigid import RigidPath
+from pinflex.quickest.search import Search, Task, rigid_least
+from pinflex.quickest.variants import corners, varied
 
 MASS = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 LIMIT = '<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="100"/>'

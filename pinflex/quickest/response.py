@@ -24,8 +24,8 @@ from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.moves.profile import Profile, basis
-from pinflex.moves.rigid import RigidPath
+from pinflex.quickest.profile import Profile, basis
+from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
 
 _WINDOW = 48  # instants whose matrices are held at a time: 10 MB of a delta's

@@ -19,9 +19,9 @@ from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.levels.excited import ringing
 from pinflex.levels.modes import modes
-from pinflex.moves.fastest import Fastest
-from pinflex.moves.rigid import RigidPath
-from pinflex.moves.settling import settled
+from pinflex.quickest.fastest import Fastest
+from pinflex.quickest.rigid import RigidPath
+from pinflex.quickest.settling import settled
 from pinflex.results.result import Result
 
 PROFILES = ("quintic", "trapezoid", "jerk-limited")
@@ -99,7 +99,7 @@ def _row(
     name: str, found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, period: float
 ) -> Baseline:
     """A motion as slow as its limits ask, first of the rigid robot, then of a run."""
-    from pinflex.moves.fastest import rest_of
+    from pinflex.quickest.fastest import rest_of
 
     room, slower = 1.0, 1.0
     for _ in range(_TRIES):

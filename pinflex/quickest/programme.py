@@ -16,9 +16,9 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError
-from pinflex.moves.limits import Limits
-from pinflex.moves.profile import Profile, basis
-from pinflex.moves.rigid import RigidPath
+from pinflex.quickest.limits import Limits
+from pinflex.quickest.profile import Profile, basis
+from pinflex.quickest.rigid import RigidPath
 
 SHAKE, PUSH = 0.3, 3.0  # what a band, and a torque limit, too much costs, in durations
 

@@ -10,7 +10,7 @@ from pinflex.advice.solve import solve
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.moves.variants import KINDS, varied
+from pinflex.quickest.variants import KINDS, varied
 
 _SHARE = 0.05
 _TOL = 1e-4  # of the runs

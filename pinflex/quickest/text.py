@@ -10,9 +10,9 @@ import numpy as np
 from pinflex.text import length, number, paragraph, percent, report, table
 
 if TYPE_CHECKING:
-    from pinflex.moves.baselines import Baseline
-    from pinflex.moves.fastest import Fastest
-    from pinflex.moves.robustness import Off
+    from pinflex.quickest.baselines import Baseline
+    from pinflex.quickest.fastest import Fastest
+    from pinflex.quickest.robustness import Off
 
 _NAMED = 3  # limits that hold a motion, the most
 
@@ -25,8 +25,8 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     bound = found.duration / found.rigid - 1.0
     head = (
         f"{found.name}: the fastest move takes {found.duration:.4g} s. From its end on the "
-        f"platform stays within {length(found.residual)} of where it comes to rest ({length(found.band)} "
-        f"asked; runs are right to {length(found.bar)}). The rigid robot's own least time is "
+        f"platform stays within {length(found.residual)} of where it comes to rest "
+        f"({length(found.band)} asked; runs are right to {length(found.bar)}). The rigid robot's own least time is "
         f"{found.rigid:.4g} s, {percent(bound)} less. "
         + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
     )
