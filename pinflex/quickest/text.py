@@ -26,8 +26,8 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     head = (
         f"{found.name}: the fastest move takes {found.duration:.4g} s. From its end on the "
         f"platform stays within {length(found.residual)} of where it comes to rest "
-        f"({length(found.band)} asked; runs are right to {length(found.bar)}). The rigid robot's own least time is "
-        f"{found.rigid:.4g} s, {percent(bound)} less. "
+        f"({length(found.band)} asked; runs are right to {length(found.bar)}). "
+        f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(bound)} less. "
         + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
     )
     return report(
