@@ -28,7 +28,8 @@ limits (of the URDF, or as said here) and from whose end on the platform stays w
 where it comes to rest: linear programmes about coupled runs of the flexible robot, until the runs
 themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk);
 --robust asks that the same motion leaves a heavier and a lighter robot as still; --baselines puts
-the usual profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off do.""",
+the usual profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off
+do.""",
         "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     )
     parser.repeated(p, "--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI")
