@@ -47,8 +47,9 @@ do.""",
     p.add_argument("--baselines", action="store_true", help="the usual motions beside it")
     p.add_argument("--off", action="store_true", help="a table of what robots 5 %% off do")
     p.add_argument("--plot", metavar="FILE", help="a figure (.png, .pdf, .svg)")
-    p.add_argument("-o", "--output", metavar="FILE.csv",
-                   help="write t [s] and the position of every coordinate at 1 kHz")  # fmt: skip
+    p.add_argument("-o", "--output", metavar="FILE",
+                   help="write motor positions, velocities, accelerations at 1 kHz; "
+                        ".yaml or .json: a JointTrajectory")  # fmt: skip
 
 
 def _tell(line: str) -> None:
@@ -109,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     rows = found.baselines(_tell) if args.baselines else ()
     off = found.robustness() if args.off else ()
     _tell("")
-    files = _written(args, found, rows)
+    files = _written(args, mechanism, found, rows)
     if args.json:
         print_json(_numbers(found, rows, off) | {"files": [str(x) for x in files]})
     else:
@@ -118,12 +119,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _written(args: argparse.Namespace, found: Any, rows: tuple[Any, ...]) -> list[Path]:
+def _written(
+    args: argparse.Namespace, mechanism: Any, found: Any, rows: tuple[Any, ...]
+) -> list[Path]:
     """The figure and the table that are asked for."""
-    import numpy as np
-
-    from pinflex.writing import write_csv
-
     files = []
     if args.plot:
         from pinflex.studies.plot_fastest import figure
@@ -132,10 +131,12 @@ def _written(args: argparse.Namespace, found: Any, rows: tuple[Any, ...]) -> lis
         files.append(Path(args.plot))
         save(figure(found, rows).axes, args.plot)
     if args.output:
-        t = np.arange(int(np.ceil(1e3 * found.duration)) + 1) * 1e-3
-        table = np.column_stack([t, found.motion(t)])
-        cells = ([f"{x:.12g}" for x in row] for row in table)
-        files.append(write_csv(args.output, ["t", *found.motion.names], cells))
+        path = Path(args.output)
+        if path.suffix.lower() in (".yaml", ".yml", ".json"):
+            found.motion.to_joint_trajectory(path, robot=mechanism)
+        else:
+            found.motion.to_csv(path, robot=mechanism)
+        files.append(path)
     return files
 
 
