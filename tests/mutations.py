@@ -167,7 +167,7 @@ recompiled("alpha.c", "-m->open[k] / m->by_y", "0.0")
     ),
     "consistent start off: accelerations and multipliers begin at zero": (
         """
-import pinflex.levels.start as start, pinflex.integrators.plain_alpha as step, numpy as np
+import pinflex.levels.start as start, pinflex.integrators.plain.alpha as step, numpy as np
 def nothing(dynamics, y, v, held, a_held, *more):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)

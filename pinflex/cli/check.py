@@ -34,7 +34,7 @@ and warnings.""",
 def run(args: argparse.Namespace) -> int:
     """Say what was understood of a model."""
     from pinflex.studies.checking.check import check
-    from pinflex.studies.new_scene import write_home
+    from pinflex.studies.scenes.new_scene import write_home
 
     mechanism = load_model(args)
     if args.write_home:

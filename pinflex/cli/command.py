@@ -152,7 +152,7 @@ def _shown(args: argparse.Namespace, commands: dict[str, Any], runs: dict[str, A
     """Write the figure and the page that are asked for."""
     files = []
     if args.plot is not None:
-        from pinflex.studies.plot_command import figure
+        from pinflex.studies.figures.plot_command import figure
         from pinflex.viewer.plots.drawing import save
 
         files.append(Path(args.plot))

@@ -43,7 +43,7 @@ def add(commands: parser.Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the YAML."""
-    from pinflex.studies.new_scene import new_scene
+    from pinflex.studies.scenes.new_scene import new_scene
 
     source = Path(args.source)
     if not source.name or not nameable(source):

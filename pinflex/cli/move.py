@@ -125,7 +125,7 @@ def _written(
     """The figure and the table that are asked for."""
     files = []
     if args.plot:
-        from pinflex.studies.plot_fastest import figure
+        from pinflex.studies.figures.plot_fastest import figure
         from pinflex.viewer.plots.drawing import save
 
         files.append(Path(args.plot))

@@ -11,7 +11,7 @@ from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation, implicit_euler
-from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.problem import Problem, seen_inside
 from pinflex.kernel.march import Marched, MarchKernel, Table
 from pinflex.kernel.stages import AlphaKernel, Iteration, LawKernel, Rows, Scheme, StageKernel

@@ -12,7 +12,7 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.compiled import compiled_alpha
-from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.run import Run
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism

@@ -136,7 +136,7 @@ class Command:
             panel: One alone: "motors" or "torque".
             ax: Where to draw that; default: axes of a new figure.
         """
-        return door("studies.plot_command", "plot_command")(self, panel, ax)
+        return door("studies.figures.plot_command", "plot_command")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         rows = [

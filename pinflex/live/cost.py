@@ -14,7 +14,7 @@ from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError
-from pinflex.integrators.plain_alpha import MAX_ITERATIONS
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS
 from pinflex.levels.excited import default_motion
 from pinflex.live.simulator import Simulator
 from pinflex.mechanics.mechanism import Mechanism, takes_model

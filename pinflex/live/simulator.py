@@ -18,7 +18,7 @@ from pinflex.description.motions.motion import Motion, formula, hold
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.plain_alpha import MAX_ITERATIONS, NoConvergence
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
 from pinflex.integrators.run import Run
 from pinflex.live.engine import Bounds, Engine
 from pinflex.live.readings import FrameNow, LinkNow, Log, Motors, Snapshot

@@ -103,9 +103,15 @@ class Fastest:
         until = float(self.runs["nominal"].t[-1])
         return robustness(self.models["nominal"], self.motion, until, self.duration, share)
 
-    def plot(self, rows: Sequence[Any] = ()) -> Any:
-        """Draw speed, distance from rest and torques, `rows` of `baselines` beside it; the axes."""
-        return door("studies.plot_fastest", "plot_fastest")(self, rows)
+    def plot(self, rows: Sequence[Any] = (), panel: str | None = None, ax: Any = None) -> Any:
+        """Draw speed, distance from rest and torques; returns the matplotlib axes.
+
+        Args:
+            rows: Of `baselines`, beside it.
+            panel: One alone: "speed", "platform" or "torque".
+            ax: Where to draw that; default: axes of a new figure.
+        """
+        return door("studies.figures.plot_fastest", "plot_fastest")(self, rows, panel, ax)
 
     def __repr__(self) -> str:
         return (

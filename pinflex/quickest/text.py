@@ -65,5 +65,5 @@ def _baselines(found: Fastest, rows: Sequence[Baseline]) -> str:
 def robust_table(off: Sequence[Off]) -> str:
     """How far the platform is off, and what it shakes, where the robot is another one."""
     cells = [[one.what, length(one.error), length(one.shake)] for one in off]
-    return table("How robust is it?", "the robot differs by|platform off|peak to peak after the end",
-                 cells, (30,))  # fmt: skip
+    heads = "the robot differs by|platform off|peak to peak after the end"
+    return table("How robust is it?", heads, cells, (30,))

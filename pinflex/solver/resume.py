@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators.plain_alpha import Step
+from pinflex.integrators.plain.alpha import Step
 from pinflex.integrators.run import Run
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism

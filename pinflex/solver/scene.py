@@ -21,9 +21,9 @@ from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
-from pinflex.integrators import plain_radau
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
+from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.prescribed import read, tabulated
 from pinflex.integrators.problem import Problem
 from pinflex.integrators.run import Run

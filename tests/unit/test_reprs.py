@@ -10,6 +10,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.cards import card, grid, pairs, words
+from pinflex.quickest.limits import Limits
 from pinflex.results.columns import Columns
 
 MOVE = pf.quintic(platform={"x": 0.02, "y": 0.0, "rz": 0.0}, duration=0.1)
@@ -75,7 +76,12 @@ def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
     sensor = pf.Deflection("distal_1", 0.1)
     drives = [pf.Travel("a"), pf.Effort("a"), pf.Voltage("p")]
     sensors = [pf.Encoder("a"), pf.StrainGauge("b", 0.1), pf.Imu("tool")]
-    return [control, fit, scatter, study, sensor, *drives, *sensors, pf.Simulator(robot)]
+    limits = Limits(1.0, 1.0, 1.0, one, one)
+    fastest = pf.Fastest(
+        "a", "joints", {"b": 1.0}, 0.1, 0.1, 1e-5, 1e-6, 1e-9, {}, {}, 0.09, limits, MOVE,
+        {"nominal": run}, {"nominal": robot}, None, "tool", np.ones(3),
+    )  # fmt: skip
+    return [fastest, control, fit, scatter, study, sensor, *drives, *sensors, pf.Simulator(robot)]
 
 
 def test_every_public_class_is_among_them(objects: list[Any]) -> None:

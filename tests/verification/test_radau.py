@@ -15,7 +15,7 @@ from pinflex.actuation.drive import motor_path
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion, from_spec
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.plain_radau import PlainRadau, Step
+from pinflex.integrators.plain.radau import PlainRadau, Step
 from pinflex.integrators.problem import Problem, State
 from pinflex.lab.loops import pendulum
 from pinflex.levels.start import straight_start
@@ -85,7 +85,7 @@ ORDERS = {
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of a tenth of a period take more corrections than a run allows."""
-    monkeypatch.setattr("pinflex.integrators.plain_radau._ITERATIONS", 60)
+    monkeypatch.setattr("pinflex.integrators.plain.radau._ITERATIONS", 60)
 
 
 @pytest.mark.usefixtures("patient")

@@ -5,7 +5,7 @@
 
    What fails so is tried from the last acceleration, with the exact tangent in every iteration; but
    not where a step may take so many tangents only: what it costs at the most is known then.
-   pinflex/integrators/plain_alpha.py has the same steps, plainly, and the states they begin from. */
+   pinflex/integrators/plain/alpha.py has the same steps, plainly, and the states they begin from. */
 #include "alpha.h"
 #include "lu.h"
 #include "march.h"

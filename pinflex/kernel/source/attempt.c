@@ -1,6 +1,6 @@
 /* One attempt at a step: stages predicted by the step before, Newton's iteration, and what the
    step leaves. Its coarseness is the last Legendre coefficient of the displacement over the largest
-   displacement so far. Its plain form is `PlainRadau.step` in pinflex/integrators/plain_radau.py. */
+   displacement so far. Its plain form is `PlainRadau.step` in pinflex/integrators/plain/radau.py. */
 #include "march.h"
 #include "newton.h"
 #include <stddef.h>

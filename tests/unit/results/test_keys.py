@@ -22,7 +22,7 @@ RUNS = {
     "ked": lambda: pf.solve("3rrr", level="ked", **SHORT),
     "geared": lambda: pf.solve(ROOT / "models/ur5/geared.yaml", level="coupled", dt=1e-3, **SHORT),
 }
-ELSEWHERE = {"control/NAME", "measured", "rigid/torque", "energy/loads"}
+ELSEWHERE = {"control/NAME", "measured", "rigid/torque", "energy/loads", "loop/NAME/orbit"}
 ELSEWHERE |= {f"link/NAME/mesh/{what}" for what in ("nodes", "triangles", "von_mises")}
 
 

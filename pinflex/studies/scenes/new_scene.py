@@ -30,7 +30,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link
 from pinflex.results.drawing import drawing_of, urdf_parts
-from pinflex.studies import proposals
+from pinflex.studies.scenes import proposals
 from pinflex.viewer.surfaces import Surface, surfaces_of
 from pinflex.writing import replaced
 

@@ -1,0 +1,1 @@
+"""The marches once more, short and slow, to be read and to be compared with."""

@@ -1,0 +1,1 @@
+"""A scene proposed for a robot that has none."""
