@@ -97,7 +97,8 @@ def test_the_drive_of_one_line_has_it_to_round_off(tmp_path: Path) -> None:
     np.testing.assert_allclose(side["torque"], load, atol=1e-7 * np.abs(load).max())
     np.testing.assert_allclose(side["motor_speed"], gear * rate, atol=1e-8 * np.abs(rate).max())
     header = found.to_csv(tmp_path / "c.csv").read_text().splitlines()[0]
-    assert header.endswith("arm_joint.motor_position,arm_joint.motor_speed,arm_joint.motor_torque")
+    units = {"position": "rad", "speed": "rad/s", "torque": "N m"}
+    assert header.endswith(",".join(f"arm_joint.motor_{x} [{unit}]" for x, unit in units.items()))
 
 
 def test_a_closed_loop_of_elastic_drives_follows_to_round_off() -> None:
