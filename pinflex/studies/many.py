@@ -8,7 +8,6 @@ computed alike whoever has it: by how many they are divided does not change a bi
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,7 @@ from pinflex.advice.solve import solve
 from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.reading.parameters import assignments
-from pinflex.errors import DescriptionError
+from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.equations import share
 from pinflex.mechanics.mechanism import Mechanism, load, takes_model
 from pinflex.progress import Progress, barred, callback
@@ -37,17 +36,20 @@ Measure = Callable[[Result], Mapping[str, float]]
 @takes_model
 def batch(
     robot: Mechanism,
+    /,
     cases: Iterable[Given],
     *,
     outputs: Iterable[str] | Measure = ("torque",),
     level: str | None = None,
     threads: int | None = None,
     progress: Progress = None,
+    **options: Any,
 ) -> Columns:
     """Solve many cases of a robot, and keep a row of numbers of each.
 
         walls = np.random.default_rng(0).uniform(1e-3, 3e-3, 1000)
-        table = pf.batch("delta", [{"flexible.arm_?.section.wall": w, "tol": 1e-2} for w in walls])
+        cases = [{"flexible.arm_?.section.wall": w} for w in walls]
+        table = pf.batch("delta", cases, level="coupled", tol=1e-2)
         table["torque.peak.motor_1"].max()
 
     What a case shares with the robot is not made anew, and only what `outputs` needs is computed.
@@ -62,6 +64,7 @@ def batch(
         level: Of cases that name none; default: the level of the YAML.
         threads: How many cases are worked on at a time; default: as many as there are cores.
         progress: True: a bar; or a function called with (cases done, cases).
+        options: Arguments of `solve` for every case that does not name them itself.
 
     Returns:
         Columns, a row for each case in order: `case` (its number, from 0), its plain values,
@@ -73,7 +76,11 @@ def batch(
             robot takes.
         Interrupted: On Ctrl-C; `table` has the rows that there are.
     """
-    every = [_checked(robot.name, number, case) for number, case in enumerate(cases)]
+    for key in options.keys() - _OPTIONS:
+        said = nearest(key, sorted(_OPTIONS))
+        raise DescriptionError(f"{robot.name}: batch: {key}: no such option.{said}")
+    given = [_checked(robot.name, number, case) for number, case in enumerate(cases)]
+    every = [{**options, **case} for case in given]
     if not every:
         raise DescriptionError(f"{robot.name}: batch: no case. Give at least one, such as {{}}.")
     if threads is not None and threads < 1:
@@ -81,13 +88,15 @@ def batch(
     measure = outputs if callable(outputs) else check_outputs(outputs, level)
     check_keys(robot.description, [changes(case) for case in every])
     slides = prismatic(robot.description)
-    shown = [{"case": number, **_plain(case)} for number, case in enumerate(every)]
+    shown = [{"case": number, **_plain(case)} for number, case in enumerate(given)]
     named = [str(number) for number in range(len(every))]
+    from joblib import cpu_count  # those that the process may use; takes 50 ms to import
+
     try:
         records = run(
             Solved(robot.description, level, measure, robot),
             dict(zip(named, every, strict=True)),
-            jobs=min(threads or len(os.sched_getaffinity(0)), len(every)),
+            jobs=min(threads or cpu_count(), len(every)),
             pickles=False,
             progress=callback(progress),
         )

@@ -131,3 +131,17 @@ def test_what_no_case_can_take_is_said_at_once(
 ) -> None:
     with pytest.raises(pf.DescriptionError, match=said):
         many.batch(fourbar, **given)  # type: ignore[arg-type]
+
+
+def test_options_hold_for_every_case_that_has_none_of_its_own() -> None:
+    cases = [{}, {"level": "quasistatic"}]
+    by_option = pf.batch("3rrr", cases, level="rigid", until=0.02, samples=5)
+    apart = [{"level": "rigid", **case, "until": 0.02, "samples": 5} for case in cases]
+    by_case = pf.batch("3rrr", apart)
+    names = [name for name in by_option if name.startswith("torque.")]
+    assert names
+    for name in names:
+        assert np.array_equal(by_option[name], by_case[name])
+    assert by_option[names[0]][0] != by_option[names[0]][1]  # links that sag take other torques
+    with pytest.raises(pf.DescriptionError, match=r'no such option.*mean "samples"'):
+        pf.batch("3rrr", cases, sampels=5)
