@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array
 from pinflex.description.motions import laws
-from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
+from pinflex.description.trajectories.profiles import double_s
 from pinflex.levels.excited import ringing
 from pinflex.levels.modes import modes
 from pinflex.quickest.fastest import Fastest
@@ -27,6 +26,7 @@ from pinflex.results.result import Result
 PROFILES = ("quintic", "trapezoid", "jerk-limited")
 SHAPERS = ("", "zv", "zvd", "ei")
 _TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
+_SUDDEN = 1e9  # jerk over acceleration [1/s] where no jerk is limited
 _RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
 _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
@@ -151,8 +151,10 @@ def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
     names, far = tuple(found.moves), np.array([*found.moves.values()])
     corners: tuple[float, ...] = ()
     if kind == "jerk-limited":
-        law, end, corners = jerk_limited(top, slower**-2, found.limits.jerk)
-        return Motion(kind, found.target, names, end, partial(_scaled, law, far), corners=corners)
+        jerk = min(found.limits.jerk, _SUDDEN * slower**-2)
+        law = double_s(top, slower**-2, jerk, far)
+        corners = tuple(law.knots[1:-1].tolist())
+        return Motion(kind, found.target, names, float(law.knots[-1]), law, corners=corners)
     if kind == "quintic":
         return Motion(
             kind, found.target, names, slower, partial(laws.move, laws.quintic, far, slower)
@@ -161,47 +163,3 @@ def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
     corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
     return Motion("trapezoidal", found.target, names, slower,
                   partial(laws.move, shape, far, slower), corners=corners)  # fmt: skip
-
-
-def _scaled(law: Callable[[Array], tuple[Array, Array, Array]], far: Array, t: Array) -> Kinematics:
-    s, v, a = (x[:, None] * far for x in law(t))
-    return s, v, a
-
-
-def jerk_limited(
-    speed: float, acceleration: float, jerk: float
-) -> tuple[Callable[[Array], tuple[Array, Array, Array]], float, tuple[float, ...]]:
-    """From 0 to 1 in seven pieces of constant jerk: its law, its end and its corners [s].
-
-    Source: Biagiotti and Melchiorri (2008), Trajectory Planning, section 3.4.
-    """
-    v, a = speed, min(acceleration, 1e12)
-    if not np.isfinite(jerk):
-        jerk = 1e9 * a
-    if v * jerk < a**2:
-        a = np.sqrt(v * jerk)
-    if not np.isfinite(v) or v * (v / a + a / jerk) > 1.0:  # the top speed is not reached
-        v = 0.5 * (np.sqrt((a**2 / jerk) ** 2 + 4.0 * a) - a**2 / jerk)
-        if v * jerk < a**2:  # nor the acceleration: 1 = 2 a^3 / jerk^2
-            a = (0.5 * jerk**2) ** (1.0 / 3.0)
-            v = a**2 / jerk
-    rise, up = a / jerk, v / a + a / jerk
-    cruise = max(1.0 / v - up, 0.0)
-    ends = np.cumsum([0.0, rise, up - 2 * rise, rise, cruise, rise, up - 2 * rise, rise])
-    jerks = np.array([jerk, 0.0, -jerk, 0.0, -jerk, 0.0, jerk])
-    states = np.zeros((8, 3))
-    for k, (h, j) in enumerate(zip(np.diff(ends), jerks, strict=True)):
-        s0, v0, a0 = states[k]
-        states[k + 1] = (s0 + v0 * h + a0 * h * h / 2 + j * h**3 / 6, v0 + a0 * h + j * h * h / 2,
-                         a0 + j * h)  # fmt: skip
-
-    def law(t: Array) -> tuple[Array, Array, Array]:
-        piece = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, 6)
-        h, j = t - ends[piece], jerks[piece]
-        s0, v0, a0 = states[piece].T
-        rest = t >= ends[-1]
-        s = s0 + v0 * h + a0 * h * h / 2 + j * h**3 / 6
-        return (np.where(rest, 1.0, s), np.where(rest, 0.0, v0 + a0 * h + j * h * h / 2),
-                np.where(rest, 0.0, a0 + j * h))  # fmt: skip
-
-    return law, float(ends[-1]), tuple(float(x) for x in np.unique(ends[1:-1]))

@@ -91,6 +91,17 @@ def trapezoid_times(
     return ramp, 2.0 * ramp + cruise
 
 
+def double_s(velocity: float, acceleration: float, jerk: float, delta: Array) -> Pieces:
+    """The shortest profile of one unit in pieces of constant jerk, times displacements (n,).
+
+    Limits of speed and acceleration may be infinite, that of jerk not.
+    """
+    rise, ramp, cruise = ramps(velocity, acceleration, jerk)
+    flat = ramp - 2.0 * rise
+    times = [rise, flat, rise, cruise, rise, flat, rise]
+    return _jerks(times, [jerk, 0.0, -jerk, 0.0, -jerk, 0.0, jerk], delta)
+
+
 @public
 def scurve(
     *,
@@ -116,10 +127,7 @@ def scurve(
     limits = {name: by_name(value, moves, "scurve", name) for name, value in given.items()}
     _require_way(moves, "scurve")
     v, a, j = (least_of(moves, limit) for limit in limits.values())
-    rise, ramp, cruise = ramps(v, a, j)
-    flat = ramp - 2.0 * rise
-    times = [rise, flat, rise, cruise, rise, flat, rise]
-    law = _jerks(times, [j, 0.0, -j, 0.0, -j, 0.0, j], delta)
+    law = double_s(v, a, j, delta)
     spec = {"kind": "scurve", target: moves, **limits}
     end = float(law.knots[-1])
     corners = tuple(law.knots[1:-1].tolist())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.quickest.baselines import jerk_limited
+from pinflex.description.trajectories.profiles import double_s
 from pinflex.quickest.limits import limits_of
 from pinflex.quickest.profile import Profile, basis, fitted
 from pinflex.quickest.response import Grid
@@ -65,12 +65,13 @@ def test_numbers_of_a_profile_are_its_polynomials():
     (9.0, 99.0, 32.0, 4.0 * (1.0 / 64.0) ** (1.0 / 3.0)),  # jerk alone: T = (32 / j)^(1/3)
 ])  # fmt: skip
 def test_a_jerk_limited_profile_takes_what_its_closed_form_says(speed, acceleration, jerk, end):
-    law, T, _ = jerk_limited(speed, acceleration, jerk)
+    law = double_s(speed, acceleration, jerk, np.ones(1))
+    T = law.knots[-1]
     if end is None:
         end = 0.25 + np.sqrt(
             0.25**2 + 4.0 / 2.0
         )  # v = (sqrt(r^2 a^2 + 4 a) - r a) / 2; T = 2 v/a + 2 r
-    s, v, a = law(np.linspace(0.0, T, 20001))
+    s, v, a = (x[:, 0] for x in law(np.linspace(0.0, T, 20001)))
     assert pytest.approx(end, rel=1e-12) == T
     assert s[-2] == pytest.approx(1.0, abs=1e-6)  # a step of T / 2e4 before the end
     assert v.max() <= speed * (1 + 1e-12) and np.abs(a).max() <= acceleration * (1 + 1e-12)
