@@ -21,7 +21,7 @@ _LISTS = (
 _COUNTS = ("free", "motors", "prescribed", "plain", "circles", "balls", "bodies")
 _SETTINGS = (
     *("most", "stale", "allowed", "every", "age", "stopped", "mass", "by_v", "by_y"),
-    *("tolerance", "farthest", "reference", "peak", "noise", "rate", "previous", "second"),
+    *("tolerance", "farthest", "reference", "peak", "noise", "rate", "began", "previous", "second"),
     "usual",
 )
 

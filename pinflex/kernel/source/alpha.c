@@ -118,6 +118,7 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
      from then on do ratios show how the iteration contracts. Where a step ends before that, the
      rate of an earlier one holds as long as its second correction was like this one. */
   double rate = 0.5, ratio = size / fmax(m->previous, 1e-300);
+  if (iteration == 0) m->began = size;
   if (iteration == 1) {
     m->second = ratio;
     if (m->usual == INFINITY) m->usual = fmax(ratio, 1e-6); /* below that it is round-off */
@@ -125,7 +126,7 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
     m->usual = m->second;
-    if (m->previous > m->noise) m->rate = rate; /* at rest corrections are round-off, and tell nothing */
+    if (m->began > m->noise) m->rate = rate; /* at rest corrections are round-off, and tell nothing */
   }
   *stuck = iteration >= 3 && size > 0.5 * m->previous;
   m->previous = size;
