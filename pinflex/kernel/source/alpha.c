@@ -11,6 +11,7 @@
 #include "march.h"
 #include <stddef.h>
 
+static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 
 /* sqrt(a' W a) of free rows of `a`, W the diagonal of the iteration matrix. */
@@ -126,7 +127,8 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
     m->usual = m->second;
-    if (m->began > m->noise) m->rate = rate; /* at rest corrections are round-off, and tell nothing */
+    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing. */
+    if (m->began > RESTING * m->noise || m->tolerance * m->reference > m->noise) m->rate = rate;
   }
   *stuck = iteration >= 3 && size > 0.5 * m->previous;
   m->previous = size;

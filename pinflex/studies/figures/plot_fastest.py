@@ -13,7 +13,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.quickest.baselines import Baseline
 from pinflex.quickest.fastest import Fastest
 from pinflex.results.result import Result
-from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, title
+from pinflex.viewer.plots.drawing import COLOURS, Drawing, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,8 +42,9 @@ def figure(found: Fastest, rows: Sequence[Baseline] = ()) -> Figure:
         _draw(ax, found, rows, panel)
         ax.label_outer()
     for ax in axes[1:, 0]:
-        ax.get_legend().remove()
         title(ax, "")
+        if ax.get_legend():
+            ax.get_legend().remove()
     return fig
 
 
@@ -66,7 +67,8 @@ def _draw(ax: Axes, found: Fastest, rows: Sequence[Baseline], panel: str) -> Non
         ax.axhline(limit, color="0.5", lw=0.8, ls="--")
     ax.set_ylabel(_LABELS[panel])
     ax.set_xlabel("time [s]")
-    legend_above(ax, 3)
+    if len(motions) > 1:  # at the right, where all are at rest
+        ax.legend(loc="upper right", frameon=False, fontsize=8)
     title(ax, f"{found.name}: the fastest move; dots: all robots within {1e6 * found.band:g} um")
 
 
