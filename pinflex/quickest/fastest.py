@@ -40,6 +40,7 @@ _FIRST = 3.0  # times as far from the end the nominal robot's search hands over 
 _RESTART = 0.05  # radius at the least, where more robots come in
 _STEPS = 30  # at the most
 TOL = 1e-5  # of the runs that verify
+_BROKEN = 0.01  # of a limit: what drives and models are not known to
 
 
 @dataclass(frozen=True)
@@ -308,12 +309,29 @@ def _told(
     worst = max(seen.values(), key=lambda x: x.residual)
     runs = {name: x.run for name, x in seen.items()}
     holds, shares = _active(task, found.profile, runs["nominal"])
+    _require_kept(task, worst.residual, shares)
     return Fastest(
         task.models[0].name, task.target, task.moves, found.profile.duration,
         max(x.time for x in seen.values()), task.band, worst.residual, worst.bar, holds, shares,
         bound, task.limits, motion, runs, models, found.profile,
         str(task.models[0].description.platform), task.rest[0], steps,
     )  # fmt: skip
+
+
+def _require_kept(task: Task, residual: float, shares: Mapping[str, float]) -> None:
+    """Refuse a motion that breaks band or limits in the finer runs that verify it."""
+    where = f"{task.models[0].name}: fastest: the motion found, run again at {TOL:g},"
+    if task.box is None and residual > task.band:
+        raise ConvergenceError(
+            f"{where} shakes by {1e6 * residual:.4g} um, {1e6 * task.band:.4g} were asked for. "
+            f"Give more `intervals` than {_INTERVALS}, or a slightly smaller `settle`."
+        )
+    name, most = max(shares.items(), key=lambda item: item[1], default=("", 0.0))
+    if most > 1.0 + _BROKEN:
+        raise ConvergenceError(
+            f"{where} takes {100 * most:.4g} % of the limit of {name}. Give more `intervals` than "
+            f"{_INTERVALS}, or a slightly lower limit."
+        )
 
 
 def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float], dict[str, float]]:
