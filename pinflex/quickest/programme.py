@@ -58,10 +58,11 @@ class Rows:
 
 @cache
 def _shape(n: int, jumps: bool) -> tuple[Array, Array, Array]:
-    """s, v and a by the numbers at ends of intervals, either side, and in their middles."""
+    """s, v and a by the numbers at ends of intervals, either side, and at quarters of them."""
     beside = 1e-9
     ends = np.arange(n + 1) / n
-    u = np.sort(np.concatenate([ends[1:] - beside, ends[:-1] + beside, ends[:-1] + 0.5 / n]))
+    inside = [ends[:-1] + share / n for share in (0.25, 0.5, 0.75)]
+    u = np.sort(np.concatenate([ends[1:] - beside, ends[:-1] + beside, *inside]))
     s, v, a = basis(n, jumps, u)
     return s, v, a
 
@@ -80,7 +81,7 @@ def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> N
         gain, turn = rigid.motor_speed(s @ x), rigid(s @ x)[1][:, rigid.motors]
         for k, most in enumerate(limits.motor_speed):
             by = gain[:, k, None] * v + (turn[:, k] * (v @ x))[:, None] * s
-            rows.both(by, gain[:, k] * (v @ x), most * T, most * one)
+            rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * one)
 
 
 def solved(
