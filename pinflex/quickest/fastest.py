@@ -57,7 +57,7 @@ class Fastest:
         holds: What is at its limit, such as "torque of motor_1", the largest share of the time
             first; by name the share of the time.
         shares: Largest use of each limit [-].
-        rigid: The rigid robot's least time under the same limits [s]: no motion is shorter.
+        rigid: The rigid robot's least time under the same limits [s], its shaking left out.
         limits: Along the path and of the motors.
         runs: The coupled runs that verify, by name of the model; "nominal" is the first.
         motion: Usable in `pf.solve`.
