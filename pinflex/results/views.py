@@ -191,6 +191,9 @@ class Event(NamedTuple):
     impulse: float
     loss: float
 
+    def __repr__(self) -> str:
+        return f"<Event {self.time:.6g} s, {self.name}: {self.what} at {self.speed:.3g}>"
+
 
 class View:
     """What the views of a result share: `kind` for headings, `quantity` for `plot`."""
