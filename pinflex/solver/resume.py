@@ -44,8 +44,10 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
         np.column_stack([a["energy/work"], a["energy/dissipated"]]),
         s=None if s is None else np.array([s]),
     )  # fmt: skip
-    shapes = (run.y.shape[1], run.lam.shape[1], run.torque.shape[1])
-    if shapes != (system.nq, system.closed.n, len(system.motors)) or not _balanced(run):
+    rates = [run.v, run.a] if run.s is None else [run.v, run.a, run.s]
+    widths = [x.shape[-1] for x in (run.y, run.lam, run.torque, *rates)]
+    wanted = [system.nq, system.closed.n, len(system.motors)] + [system.nv] * len(rates)
+    if widths != wanted or not _balanced(run):
         raise DescriptionError(
             f"{name}: resume: the stored state at t = {run.t[-1]:g} s is not one of this model. "
             "Give the model, overrides and loads that the run was made with."

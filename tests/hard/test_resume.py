@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -142,3 +143,10 @@ def test_a_run_of_another_model_or_level_is_refused() -> None:
     rigid = pf.solve(mechanism("race_r1"), level="rigid", until=0.05, samples=11)
     with pytest.raises(pf.DescriptionError, match="level rigid"):
         pf.solve(mechanism("race_r1"), resume=rigid, until=0.1)
+
+
+def test_a_stored_state_of_another_width_is_refused() -> None:
+    half = run("race_r1", 0.5)
+    short = {**half.meta, "resume": half.meta["resume"][:-1]}
+    with pytest.raises(pf.DescriptionError, match="not one of this model"):
+        pf.solve(mechanism("race_r1"), resume=dataclasses.replace(half, meta=short), until=0.1)
