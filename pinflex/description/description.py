@@ -146,7 +146,7 @@ def _fill_limits(block: dict[str, Any], where: str, urdf_text: str) -> None:
 
     moves, times = block.get("joints"), {"ramp", "duration", "speed"}
     quantities = profiles.KINDS.get(str(block.get("kind")), ())
-    if not isinstance(moves, dict) or (block["kind"] == "trapezoid" and times & set(block)):
+    if not isinstance(moves, dict) or (block.get("kind") == "trapezoid" and times & set(block)):
         return
     for quantity in quantities:
         own = block.get(quantity)

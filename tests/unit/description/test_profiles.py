@@ -170,3 +170,8 @@ def test_a_scene_takes_the_limits_of_its_urdf(tmp_path: Path) -> None:
 def test_what_makes_no_profile_is_told(motion: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(pf.DescriptionError, match=words):
         arm(tmp_path, motion)
+
+
+def test_a_motion_without_a_kind_is_told_so() -> None:
+    with pytest.raises(pf.DescriptionError, match=r"motion\.kind: None is no motion"):
+        pf.load("ur5", ["motion={joints: {elbow_joint: 0.3}, duration: 1}"])
