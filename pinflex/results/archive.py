@@ -255,6 +255,18 @@ def _check_shapes(meta: Mapping[str, Any], arrays: Mapping[str, Array], nt: int)
     for key, shape in wanted.items():
         if key in arrays and arrays[key].shape != shape:
             raise _wrong(key, f"shape {arrays[key].shape} instead of {shape}")
+        if key in arrays and shape[1:] == (3, 3):
+            _check_rotations(key, arrays[key])
+
+
+def _check_rotations(key: str, R: Array) -> None:
+    """No matrix is mirrored, stretched or empty: its determinant is 1."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        volume = np.sum(np.cross(R[:, 0], R[:, 1]) * R[:, 2], axis=1)
+        # compact files hold a rotation to 5e-7; nothing that a run writes is off by a thousandth
+        wrong = np.flatnonzero(~(np.abs(volume - 1.0) < 1e-3))
+    if len(wrong):
+        raise _wrong(f"{key}[{wrong[0]}]", f"a matrix of determinant {volume[wrong[0]]:.3g}")
 
 
 def _fit(value: Any, kind: Any, where: str) -> None:

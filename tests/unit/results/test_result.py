@@ -264,6 +264,17 @@ def test_a_flipped_byte_is_noticed(flexible, tmp_path):
         Result.load(path)
 
 
+def test_a_rotation_that_is_none_is_named_when_the_file_is_read(flexible, tmp_path):
+    flexible.save(tmp_path / "run.npz")
+    members = dict(np.load(tmp_path / "run.npz"))
+    for wrong in (np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.full((3, 3), np.nan)):
+        rotation = members["frame/platform/rotation"].copy()
+        rotation[7] = wrong
+        np.savez(tmp_path / "bad.npz", **members | {"frame/platform/rotation": rotation})
+        with pytest.raises(DescriptionError, match=r"frame/platform/rotation\[7\].*determinant"):
+            Result.load(tmp_path / "bad.npz")
+
+
 def test_an_npz_of_another_program_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", t=np.zeros(3))
     with pytest.raises(DescriptionError, match="another program"):
