@@ -180,8 +180,13 @@ WAYS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kernel", ["1", "0"], ids=["kernel", "numpy"])
-@pytest.mark.parametrize("way", WAYS)
+# The plain march takes minutes by tol; that its steps are the kernel's is in unit/kernel/test_plain.
+WITHOUT_KERNEL = ("rigid", "quasistatic", "quasistatic, tol", "ked", "coupled, equal steps")
+
+
+@pytest.mark.parametrize(
+    ("way", "kernel"), [*((way, "1") for way in WAYS), *((way, "0") for way in WITHOUT_KERNEL)]
+)
 def test_every_level_accounts_for_springs_dampers_friction_and_loads(
     way: str, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
