@@ -13,6 +13,10 @@ typedef double Lane __attribute__((vector_size(8 * LANES)));
 typedef double LooseLane __attribute__((vector_size(8 * LANES), aligned(8))); /* not aligned */
 typedef int64_t LaneBits __attribute__((vector_size(8 * LANES)));
 
+#if defined(__GNUC__) && !defined(__clang__) /* lanes pass between files compiled alike */
+#pragma GCC diagnostic ignored "-Wpsabi"
+#endif
+
 static inline Lane lane(double x) { return (Lane){x, x, x, x}; }
 
 /* sum of a_k b_k, n numbers */
