@@ -204,7 +204,18 @@ def find_file(source: str | Path) -> Path:
         shipped = folder / shown / f"{shown}.yaml"
         if shown == path.name and shipped.is_file():
             return shipped
-    beside = [p.name for p in sorted(path.parent.glob("*.y*ml"))] if path.parent.is_dir() else []
+    if shown.startswith(sources.ROBOT_DATA):
+        name = shown.removeprefix(sources.ROBOT_DATA)
+        raise ModelNotFoundError(
+            f"{shown}: a robot, not a description. Write one with `pinflex new {shown}` and give "
+            f"that file, or a YAML of your own with `urdf: {shown}` (no more is needed for {name} "
+            "as a rigid robot)."
+        )
+    beside = [
+        p.name
+        for p in (sorted(path.parent.glob("*.y*ml")) if path.parent.is_dir() else ())
+        if not p.name.startswith(".")
+    ]
     known = (*beside, *model_names())
     raise ModelNotFoundError(
         f"{shown}: no such file, folder or shipped model.{nearest(path.name, known)} "
