@@ -20,12 +20,11 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError
-from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.chebyshev import Interpolation, Varying
 from pinflex.integrators.collocation import AlphaScheme, scheme
 from pinflex.integrators.linear import Alpha, Method
 from pinflex.integrators.run import Run
 from pinflex.kernel.linear import entries_of, linear_systems
-from pinflex.levels.excited import Varying
 from pinflex.levels.linear_march import LinearMarch, Response, forces_along
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions

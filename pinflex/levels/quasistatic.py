@@ -14,7 +14,7 @@ from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.run import Run
-from pinflex.linalg import negative_directions, null_space, saddle_matrix
+from pinflex.linalg import condensed, negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
@@ -265,8 +265,6 @@ def unstable_directions(
     negative = negative_directions(K, J)
     if not (negative and acts_without_potential(dynamics.system, t)):
         return negative
-    from pinflex.levels.modes import condensed  # late: modes are about an equilibrium
-
     Z = null_space(J) if len(J) else np.eye(len(free))
     x, _, omega2 = condensed(Z.T @ K @ Z, Z.T @ dynamics.mass(y)[np.ix_(free, free)] @ Z)
     s, _ = coupled(0.5 * Z.T @ (K - K.T) @ Z, x, omega2)

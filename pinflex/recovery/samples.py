@@ -12,6 +12,7 @@ from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
+from pinflex.mechanics.clearance import pins
 from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -60,8 +61,6 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         if kind != "coupling"
     }
     if system.kinks.rows and any(one.clearance for one in mechanism.description.loops):
-        from pinflex.mechanics.clearance import pins
-
         places = equations.joint_poses(run.y)
         for name, (place, force) in pins(system, mechanism.description.loops, places).items():
             out[f"loop/{name}/orbit"] = place

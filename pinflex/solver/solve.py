@@ -29,7 +29,8 @@ from pinflex.errors import (
 from pinflex.integrators.collocation import AlphaScheme, Collocation
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import warn_if_missing
-from pinflex.levels.excited import default_motion as default_motion
+from pinflex.levels.modes import default_motion as default_motion
+from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.cost import require_samples
@@ -293,8 +294,6 @@ def rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal |
     let_go = run.system is mechanism.loose and run.system is not mechanism.flexible
     if run.settings.get("drive") != "torque" and determined and not let_go:
         return _as_far_as_it_goes(mechanism, motion, run)
-    from pinflex.mechanics.assembly import close_loops
-
     dynamics, axes = Equations(mechanism.rigid), motor_axes(mechanism)
     passive = mechanism.rigid.free
     n = int(mechanism.rigid.nq)
