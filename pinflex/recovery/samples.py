@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.mechanics.clearance import pins
 from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
@@ -172,7 +173,7 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
     if "nominal/q" in result.arrays:
         rigid = [result.array(f"nominal/{x}") for x in "qva"]
         path = Nominal(result.t, rigid[0], rigid[1], rigid[2])
-    settings = dict(result.meta["settings"])
+    settings = cast("Settings", dict(result.meta["settings"]))
     return Run(system, result.t, y, v, a, lam, result.torque, {}, settings, path=path)
 
 

@@ -22,6 +22,7 @@ from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
+    Ending,
     MotionError,
     RunInterrupted,
     SceneError,
@@ -177,9 +178,10 @@ def _require_finite(mechanism: Mechanism, run: Run) -> None:
         if np.any(bad):
             t = float(run.t[int(np.argmax(bad))])
             raise ConvergenceError(
-                f"t = {t:.6g} s: {mechanism.name}: the {what} is not finite. A mass, a speed or a "
-                "load is too large, or nothing holds a joint that has no mass.",
+                f"t = {t:.6g} s: {mechanism.name}: the {what} is not finite. "
+                f"{Ending.NOT_FINITE.value}",
                 time=t,
+                ending=Ending.NOT_FINITE,
             )
 
 
@@ -269,7 +271,7 @@ def _run(scene: Scene, end: float, progress: Progress | None) -> Run:
     spec, before = scene.spec, scene.before
     if before is not None:
         t = grid(before, end, scene.mechanism.name)
-        dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
+        dt = spec.dt if spec.dt is not None else before.settings["dt"]
         return join(before, scene.stepped(t, dt, progress))
     samples = spec.samples or SAMPLES
     require_samples(scene.mechanism, samples)

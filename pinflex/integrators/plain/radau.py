@@ -23,10 +23,10 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, State, StepFailed, seen_inside
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.linalg import lapack
 from pinflex.mechanics.manifold import Manifold
 
@@ -85,7 +85,11 @@ class PlainRadau:
                 yield step
                 return
         if not halvings:
-            raise ConvergenceError(f"a step of {h:.3g} s cannot be solved.", time=start.t)
+            raise ConvergenceError(
+                f"a step of {h:.3g} s cannot be solved. {Ending.STEP_UNSOLVED.value}",
+                time=start.t,
+                ending=Ending.STEP_UNSOLVED,
+            )
         for half in (start.t + 0.5 * h, end):
             for step in self.steps(start, half, last, halvings - 1):
                 yield step
@@ -250,13 +254,13 @@ def integrate(
     begun = now.y, now.v, now.a, now.lam, now.torque, work
     found, count = [[x[None]] for x in begun], 1
 
-    def run(stopped: str = "") -> Run:
+    def run() -> Run:
         y, v, a, lam, torque, worked = (np.concatenate(column) for column in found)
         cost = {"steps": done, "newton": march.iterations, "tangents": march.tangents}
         dt = (now.t - float(t[0])) / max(done, 1)
-        settings = {"integrator": "radau", "stages": method.s, "dt": dt}
+        settings: Settings = {"integrator": "radau", "stages": method.s, "dt": dt}
         given = problem.dynamics.system, t[:count], y, v, a, lam, torque
-        return Run(*given, {k: float(x) for k, x in cost.items()}, settings, worked, (), stopped)
+        return Run(*given, {k: float(x) for k, x in cost.items()}, settings, worked)
 
     try:
         for end in ends.tolist():
@@ -275,11 +279,13 @@ def integrate(
                 progress(count, len(t))
     except (ConvergenceError, MotionError) as error:
         if isinstance(error, ConvergenceError):
-            error = ConvergenceError(f"{name}: t = {now.t:.6g} s: {error}", time=now.t)
-        error.result = run(str(error) if isinstance(error, MotionError) else "diverged")
+            error = ConvergenceError(
+                f"{name}: t = {now.t:.6g} s: {error}", time=now.t, ending=error.ending
+            )
+        error.result = run()
         raise error from None
     except KeyboardInterrupt:
         if count < 2:
             raise  # nothing but the start
-        raise RunInterrupted(run("interrupted")) from None
+        raise RunInterrupted(run()) from None
     return run()
