@@ -116,8 +116,10 @@ class StepControl:
 
 
 CONTROL = StepControl()
-# Lengths are given: any coarseness will do.
-_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6)
+# Lengths are given: any coarseness will do. To round-off, and from a start without a step before it,
+# Newton needs more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in
+# pieces would not be those of the run that they are compared with.
+_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6, iterations=20)
 
 
 class Keeper(Protocol):
@@ -328,6 +330,8 @@ class March:
         k, at = self._kernel, self._at
         sampler = self._radau.problem.sampler
         assert sampler is not None
+        if self._radau.control.resolution is not None:
+            at.h = min(at.first, at.ceiling)  # the next step is as long as it is given
         if not sampler.reach(at.t, k.y, k.v):
             return
         if not self._table:
