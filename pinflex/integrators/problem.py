@@ -146,10 +146,13 @@ class Problem:
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
 
-    def pull(self, path: MotorPath, y: Array, v: Array, seen: Array | None = None) -> Array:
-        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them."""
+    def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:
+        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.
+
+        `inside`: the states are the stages of a step.
+        """
         assert self.drive is not None
-        torque = self.drive.pull(path, self.axes, y, v, seen)
+        torque = self.drive.pull(path, self.axes, y, v, inside)
         return torque if self.sampler is None else torque + self.sampler.torque
 
     @property

@@ -186,7 +186,7 @@ class PlainRadau:
         """Forces (s, nv) and closures (s, rows) that the stages leave."""
         r, c = self._d.residual(y, v, a, lam, seen, self.problem.control_force)
         if not self.problem.prescribed:
-            r[:, self.problem.motors] -= self.problem.pull(path, y, v, seen)
+            r[:, self.problem.motors] -= self.problem.pull(path, y, v, inside=True)
         return r, c
 
     def _factor(self, h: float, y: Array, v: Array, a: Array, lam: Array, seen: Array) -> None:
@@ -221,7 +221,7 @@ class PlainRadau:
         self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
     ) -> Array:
         if not self.problem.prescribed:
-            return self.problem.pull(path, y, v, seen)
+            return self.problem.pull(path, y, v, inside=True)
         return self._residuals(y, v, a, lam, path, seen)[0][:, self.problem.motors]
 
     def _power(self, y: Array, v: Array, torque: Array) -> Array:
