@@ -117,8 +117,8 @@ class StepControl:
 
 CONTROL = StepControl()
 # Lengths are given: any coarseness will do. To round-off, and where no step predicts, Newton needs
-# more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in pieces would
-# not be those of the run that they are compared with.
+# more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in pieces
+# would not be those of the run that they are compared with.
 _GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6, iterations=20)
 
 
