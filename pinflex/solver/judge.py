@@ -12,17 +12,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending, SceneError
-from pinflex.integrators.batch import Batch, States
 from pinflex.integrators.corrector import Before, Corrector, Inside
 from pinflex.integrators.march import ANEW, Radau, Record
-from pinflex.integrators.problem import Path, State
 from pinflex.integrators.run import Run, Settings
 from pinflex.levels.outputs import (
     LEAST_SIZES,
@@ -35,7 +32,13 @@ from pinflex.levels.outputs import (
 )
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.solver.scene import Scene
+
+if TYPE_CHECKING:
+    from pinflex.actuation.drive import MotorPath
+    from pinflex.arrays import Array
+    from pinflex.integrators.batch import Batch, States
+    from pinflex.integrators.problem import Path, State
+    from pinflex.solver.scene import Scene
 
 # How far a run is going to move, before it is made: from the rigid motion and the stiffness.
 #

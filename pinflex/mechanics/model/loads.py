@@ -7,18 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.drives import Friction
-from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring
 from pinflex.description.blocks.frames import WORLD
-from pinflex.description.description import Description
 from pinflex.errors import AssemblyError
 from pinflex.mechanics.model.expanded import Attachment
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.description.blocks.drives import Friction
+    from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring
+    from pinflex.description.description import Description
 
 _MEET = 1e-9  # [m], far below what a drawing says
 
