@@ -89,8 +89,7 @@ if TYPE_CHECKING:
     from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.inversion.retime import Retimed, retime
     from pinflex.inversion.tracking import track
-    from pinflex.levels.excited import ringing
-    from pinflex.levels.modes import Modes, modes
+    from pinflex.levels.modes import Modes, modes, ringing
     from pinflex.levels.quasistatic import (
         Equilibrium,
         UnstableWarning,
@@ -267,10 +266,10 @@ _HOME = {
         "retime",
     ),
     "inversion.tracking": ("track",),
-    "levels.excited": ("ringing",),
     "levels.modes": (
         "Modes",
         "modes",
+        "ringing",
     ),
     "levels.quasistatic": (
         "Equilibrium",

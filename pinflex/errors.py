@@ -8,10 +8,55 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from enum import Enum
 from typing import Any
 
 _LONGEST_WORD, _LONGEST = 240, 2000  # [characters] of a word (a path), of a message
 _WORD = re.compile(rf"\S{{{_LONGEST_WORD},}}")
+
+
+class Ending(Enum):
+    """Why a run ends before its time; the value says what to do then.
+
+    As `ending` it goes with the error that a run ends by, whose message says where and how far.
+    """
+
+    # steps that follow the motion
+    RUNS_AWAY = (
+        "A link without second_order softens as it turns or is compressed, up to that: set "
+        "flexible.LINK.second_order: true; or the mechanism falls or buckles there."
+    )
+    STEPS_VANISH = (
+        "Equal steps (--set solve.dt=1e-5) tell what it is: if they pass, round-off, and a larger "
+        "tol passes too; if not, the mechanism is singular there or the links far too soft: see "
+        "level=quasistatic up to that time."
+    )
+    NOT_CORRECTED = "Give a larger tol, or dt."
+    # steps of given length
+    NEWTON_STALLED = (
+        "Halve dt, start from rest (start=static), or use level=ked if deflections are small."
+    )
+    STEP_UNSOLVED = "Give a smaller dt, or a larger tol."
+    LINEAR_GROWS = "Use level=coupled, or a smaller dt."
+    # a tolerance
+    TOL_NOT_REACHED = "Give a larger tol, start=static, or damping for what rings;"
+    ROUND_OFF = "give that or more."
+    # equilibrium
+    NO_EQUILIBRIUM = (
+        "The mechanism may buckle or fall there: lock motors, add springs, or stiffen links."
+    )
+    SNAPS_THROUGH = (
+        "The mechanism buckles or falls there: lock motors, add springs, or stiffen links."
+    )
+    # contacts
+    CHATTERS = "Give it damping."
+    COMES_TO_REST = "Give the stop `stiffness` and `damping`, or end the run (`until`) before."
+    STOPS_A_MOTOR = "Give the stop `stiffness`, or write drive: torque."
+    # any
+    NOT_FINITE = (
+        "A mass, a speed or a load is too large, or nothing holds a joint that has no mass."
+    )
+    OTHER_BREAKS = "Compare it with runs in steps of its own."
 
 
 class PinflexError(Exception):
@@ -43,9 +88,15 @@ class ModelNotFoundError(DescriptionError):
 
 
 class SceneError(PinflexError):
-    """The input is well formed, but the scene cannot be solved (exit code 1)."""
+    """The input is well formed, but the scene cannot be solved (exit code 1).
+
+    Attributes:
+        result: The run up to its last good step, or None.
+        ending: Why a run ended before its time, or None.
+    """
 
     result: Any = None
+    ending: Ending | None = None
 
 
 class AssemblyError(SceneError):

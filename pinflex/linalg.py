@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import SingularityError
 
 # Curvature of rows scaled to one: a free joint without a load has 0 and round-off.
 _NEUTRAL = 1e-9
+_LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
+_STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
 _SPRINGS = 1e3  # of the closures, of a stiffness scaled to one
 
 
@@ -134,3 +137,71 @@ def _scaled(K: Array, J: Array) -> tuple[Array, Array]:
     scale = 1.0 / np.sqrt(np.maximum(size, least))
     symmetric = 0.5 * (K + K.swapaxes(-1, -2))
     return symmetric * scale[..., None, :] * scale[..., :, None], J * scale[..., None, :]
+
+
+def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
+    """Unit-mass modes of what has mass, and the compliance of what has none.
+
+    Returns:
+        Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
+        massless ones with the others held; omega^2 (k,).
+    """
+    K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
+    if not len(K):
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
+    scale = np.where(
+        np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M)))
+    )
+    values, V = np.linalg.eigh(M * scale * scale[:, None])
+    heavy = values > 1e-13 * values[-1]
+    V = scale[:, None] * V
+    if np.all(heavy):
+        omega2, x = _lowest_again(K, M, *eigh(K, M))
+        return x, np.zeros_like(K), omega2
+    H, L = V[:, heavy], V[:, ~heavy]
+    soft = L.T @ K @ L
+    if np.linalg.eigvalsh(soft)[0] < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
+        raise SingularityError(
+            "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion "
+            "(a basis with free ends on a joint that moves the same way), or a massless link "
+            "swings freely. Take a basis clamped at its root, fix the joint, or give the link "
+            "a mass."
+        )
+    T = H - L @ np.linalg.lstsq(soft, L.T @ K @ H, rcond=None)[0]
+    K, M = T.T @ K @ T, T.T @ M @ T
+    omega2, x = _lowest_again(K, M, *eigh(K, M))
+    return T @ x, L @ np.linalg.lstsq(soft, L.T, rcond=None)[0], omega2
+
+
+def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, Array]:
+    """Eigenpairs of (K, M), those far below the highest again from (M, K).
+
+    Each way errs by round-off of its largest eigenvalue: omega^2 of the lowest is lost where the
+    highest is 1e13 times larger (a payload of 1e10 times the beam), 1/omega^2 of the lowest is not.
+    """
+    highest = float(np.max(np.abs(omega2), initial=0.0))
+    low = np.abs(omega2) < _LOW * highest
+    if not np.any(low):
+        return omega2, x
+    # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
+    shown = np.where(np.abs(omega2) < 1e-13 * highest, 0.0, omega2)
+    size = np.diag(K)
+    if np.any(size <= 0):
+        return shown, x
+    scale = 1.0 / np.sqrt(size)
+    try:
+        L = np.linalg.cholesky(K * scale * scale[:, None])
+    except np.linalg.LinAlgError:
+        return shown, x
+    if np.min(np.diag(L)) < _STIFF:  # something is free to move, or nearly so
+        return shown, x
+    trtrs = lapack().dtrtrs
+    half = trtrs(L, M * scale * scale[:, None], lower=True)[0]
+    flexibility, z = np.linalg.eigh(trtrs(L, half.T, lower=True)[0])
+    again = slice(None, -int(np.sum(low)) - 1, -1)
+    found = trtrs(L.T, z[:, again])[0] * scale[:, None]
+    shown, x = shown.copy(), x.copy()
+    shown[low] = 1.0 / flexibility[again]
+    x[:, low] = found / np.sqrt(flexibility[again])
+    return shown, x

@@ -45,7 +45,7 @@ def recompiled(file, old, new):
 MUTATIONS = {
     "dry friction off": (
         """
-from pinflex.mechanics.model.system import DryFriction
+from pinflex.mechanics.model.loads import DryFriction
 DryFriction.force = lambda self, v: 0.0 * v[..., self.rows]
 """,
         ["tests/verification/test_elastic_drives.py"],
@@ -314,7 +314,7 @@ altered("pinflex.results.verdict", "return max(band, tol * deviation)", "return 
     ),
     "damping of what a motion excites is twice as large": (
         """
-altered("pinflex.levels.excited", "/ (2.0 * omega)", "/ omega")
+altered("pinflex.levels.modes", "/ (2.0 * omega)", "/ omega")
 """,
         ["tests/unit/studies/test_check_damping.py"],
     ),

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.motors import joint_curve
+from pinflex.actuation.motors import joint_curve, motor_axes
+from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
 from pinflex.cards import card, grid
 from pinflex.description.motions.motion import Motion
@@ -196,9 +197,6 @@ def _off(truth: Array, made: Array) -> Array:
 
 def _motors(robot: Mechanism, motion: Motion) -> Any:
     """The motors of a motion of the platform, by inverse kinematics of the rigid mechanism."""
-    from pinflex.actuation.motors import motor_axes
-    from pinflex.actuation.nominal import nominal
-
     axes = motor_axes(robot)
 
     def curve(t: Array) -> tuple[Array, Array, Array]:

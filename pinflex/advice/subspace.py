@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
-from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.chebyshev import Interpolation, Varying, varying
 from pinflex.integrators.collocation import generalized_alpha
-from pinflex.levels.excited import Varying, varying
 from pinflex.levels.linear_march import LinearMarch, Response, RunningMarch, Workspace
 from pinflex.linalg import independent_rows, saddle
 from pinflex.mechanics.model.parts import FlexiblePart

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -39,18 +39,17 @@ from pinflex.description.blocks.joints import (
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
 from pinflex.description.loops import Loop, read_loops
+from pinflex.description.motions import motion
+from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.robots import urdf
 from pinflex.description.section import Section
 from pinflex.description.solve import SolveSpec, read_solve
+from pinflex.description.trajectories import profiles
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.rotations import quaternion
 from pinflex.text import brief
-
-if TYPE_CHECKING:
-    from pinflex.description.payload import Payload
-
 
 # The block `home` of a description: a guess of the configuration in Pinocchio's layout.
 
@@ -120,10 +119,6 @@ def read_motion(
     urdf_text: str,
 ) -> dict[str, Any]:
     """The checked block, for `motion.from_spec`, with the limits that only the URDF writes."""
-    from pinflex.description.motions import (
-        motion,  # late: a description without a motion does not need it
-    )
-
     block = copy.deepcopy(schema.mapping(value, where))
     if isinstance(block.get("file"), str):
         block["file"] = str(folder.resolve() / block["file"])  # found from any folder
@@ -142,8 +137,6 @@ def read_motion(
 
 def _fill_limits(block: dict[str, Any], where: str, urdf_text: str) -> None:
     """Put limits of the URDF under those that a profile of joints by limits leaves out."""
-    from pinflex.description.trajectories import profiles
-
     moves, times = block.get("joints"), {"ramp", "duration", "speed"}
     quantities = profiles.KINDS.get(str(block.get("kind")), ())
     if not isinstance(moves, dict) or (block.get("kind") == "trapezoid" and times & set(block)):
@@ -471,8 +464,6 @@ def _payload(value: object, where: str, tree: Source) -> Payload | None:
     """The block `payload`; most scenes have none, and need no reader of it."""
     if value is None:
         return None
-    from pinflex.description.payload import read_payload
-
     return read_payload(value, where, tree)
 
 

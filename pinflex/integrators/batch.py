@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
-from pinflex.integrators.compiled import Stages
-from pinflex.kernel.march import MarchKernel, Table
+if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.integrators.compiled import Stages
+    from pinflex.kernel.march import MarchKernel, Table
 
 STATE = ("y", "v", "a", "lam", "torque")
 

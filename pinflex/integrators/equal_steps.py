@@ -9,11 +9,11 @@ import numpy as np
 from pinflex.actuation.drive import MotorPath, TorqueDrive, kinks
 from pinflex.actuation.feedback import Feedback
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.compiled import compiled_alpha
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.expanded import gear_name
@@ -79,13 +79,13 @@ def integrate(
             if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
     except MotionError as error:
-        error.result = record.run(k, str(error))
+        error.result = record.run(k)
         raise
     except KeyboardInterrupt:
-        raise RunInterrupted(record.run(k, "interrupted")) from None
+        raise RunInterrupted(record.run(k)) from None
     except (NoConvergence, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
-        so_far = record.run(k, "diverged")
+        so_far = record.run(k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
     return record.run(steps)
 
@@ -118,12 +118,16 @@ class _Record:
             signals.u[k], signals.measured[k] = march.feedback.u, march.feedback.m
             self.columns[-1][k, 0] += float(march.control_force @ now.v)
 
-    def run(self, upto: int, stopped: str = "") -> Run:
+    def run(self, upto: int) -> Run:
         """The steps up to one as a run; work by the trapezoidal rule."""
         march, k = self._march, slice(self._begin, upto + 1)
         steps = upto - self._begin
         counts = {"steps": steps, "newton": march.iterations, "tangents": march.tangents}
-        settings = {"integrator": march.scheme.name, "dt": march.h, "gamma": march.scheme.gamma}
+        settings: Settings = {
+            "integrator": march.scheme.name,
+            "dt": march.h,
+            "gamma": march.scheme.gamma,
+        }
         if march.feedback is not None and march.feedback.feedback.linear is None:
             settings["march"] = "in Python: control.law is a function (one of pf.pid runs compiled)"
         y, v, a, algorithmic, lam, torque, power = (column[k] for column in self.columns)
@@ -131,8 +135,8 @@ class _Record:
         np.cumsum(0.5 * march.h * (power[1:] + power[:-1]), axis=0, out=work[1:])
         signals = None if self._signals is None else self._signals.at(k)
         return Run(
-            self._system, self._t[k], y, v, a, lam, torque, dict(counts), dict(settings), work, (),
-            stopped, signals, s=algorithmic,
+            self._system, self._t[k], y, v, a, lam, torque, dict(counts), settings, work,
+            signals=signals, s=algorithmic,
         )  # fmt: skip
 
 
@@ -157,10 +161,10 @@ def _diverged(
     error = ConvergenceError(
         f"t = {time:.6g} s, step {k}, dt = {march.h:.3g} s: Newton stopped after at most "
         f"{MAX_ITERATIONS} iterations: {how}. The step of {march.h:.3g} s may be too large. "
-        "Halve dt, start from rest (start=static), or use level=ked if deflections are small. "
-        "error.result holds the run so far.",
+        f"{Ending.NEWTON_STALLED.value} error.result holds the run so far.",
         time=time,
         step=k,
+        ending=Ending.NEWTON_STALLED,
     )
     error.result = run
     return error

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
@@ -67,8 +67,9 @@ class Events:
             at.h = at.planned * _SHORTER**self._still
         if self._still > _IN_VAIN:
             raise ConvergenceError(
-                f"{self._name}: t = {t:.6g} s: {row.name} opens and closes without end. Give it "
-                "damping. error.result holds the run so far.", time=t,
+                f"{self._name}: t = {t:.6g} s: {row.name} opens and closes without end. "
+                f"{Ending.CHATTERS.value} error.result holds the run so far.",
+                time=t, ending=Ending.CHATTERS,
             )  # fmt: skip
         speed = float(march.v[row.v]) if row.v >= 0 else float(at.speed)
         if row.restitution >= 0.0:
@@ -90,8 +91,8 @@ class Events:
             raise ConvergenceError(
                 f"{self._name}: t = {t:.6g} s: {row.name}: its bounces come faster and faster and "
                 "end here: from now on it would rest on the stop, which a coefficient of "
-                "restitution does not say. Give the stop `stiffness` and `damping`, or end the run "
-                "(`until`) before. error.result holds the run so far.", time=t,
+                f"restitution does not say. {Ending.COMES_TO_REST.value} error.result holds the "
+                "run so far.", time=t, ending=Ending.COMES_TO_REST,
             )  # fmt: skip
         move = self._unit(march.y, row.v)
         mass = 1.0 / move[row.v]
@@ -112,7 +113,8 @@ class Events:
         if not move[row] > 1e-12 / max(abs(M[row, row]), 1e-300):
             raise ConvergenceError(
                 f"{self._name}: a rigid stop is met by a motor that follows its motion whatever "
-                "happens. Give the stop `stiffness`, or write drive: torque."
+                f"happens. {Ending.STOPS_A_MOTOR.value}",
+                ending=Ending.STOPS_A_MOTOR,
             )
         return move
 

@@ -18,14 +18,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted, SceneError
+from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted, SceneError
 from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.events import Events
 from pinflex.integrators.prescribed import tabulated
 from pinflex.integrators.problem import Problem, State
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.kernel.march import (
     EVENT,
     FULL,
@@ -50,7 +50,6 @@ TOGETHER = 8  # steps that are judged at once
 _RECORDED = 64  # steps of a batch that nobody judges
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
-_ENDLESS = "steps get shorter without end"
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
 
 
@@ -117,8 +116,10 @@ class StepControl:
 
 
 CONTROL = StepControl()
-# Lengths are given: any coarseness will do.
-_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6)
+# Lengths are given: any coarseness will do. To round-off, and where no step predicts, Newton needs
+# more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in pieces
+# would not be those of the run that they are compared with.
+_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6, iterations=20)
 
 
 class Keeper(Protocol):
@@ -143,7 +144,7 @@ class Keeper(Protocol):
     def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
 
-    def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
+    def run(self, cost: dict[str, float], settings: Settings) -> Run:
         """The samples so far as a run."""
 
 
@@ -173,7 +174,7 @@ class Radau(Stages):
         self.measured = np.arange(d.n_rigid, d.system.nv) if d.flexible else problem.free
 
     @property
-    def settings(self) -> dict[str, object]:
+    def settings(self) -> Settings:
         """The method, for reports."""
         return {"integrator": "radau", "stages": self.method.s}
 
@@ -329,6 +330,8 @@ class March:
         k, at = self._kernel, self._at
         sampler = self._radau.problem.sampler
         assert sampler is not None
+        if self._radau.control.resolution is not None:
+            at.h = min(at.first, at.ceiling)  # the next step is as long as it is given
         if not sampler.reach(at.t, k.y, k.v):
             return
         if not self._table:
@@ -429,10 +432,10 @@ def integrate(
     march.know(scale, pilot)
     keeper.start(march.now)
 
-    def run(stopped: str = "") -> Run:
+    def run() -> Run:
         cost = march.cost()
         dt = (march.now.t - float(t[0])) / max(cost["steps"], 1.0)
-        found = keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt}, stopped)
+        found = keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt})
         return found if march.events is None else _with_events(found, march.events)
 
     waiting = True  # whether the steps that are pending have yet to be recorded
@@ -448,14 +451,14 @@ def integrate(
                 progress(keeper.count, len(t))
     except (ConvergenceError, MotionError) as error:
         keeper.finish(march.steps)
-        error.result = run(str(error) if isinstance(error, MotionError) else _ENDLESS)
+        error.result = run()
         raise
     except KeyboardInterrupt:
         if waiting:
             keeper.finish(march.steps)
         if keeper.count < 2:
             raise  # nothing but the start
-        raise RunInterrupted(run("interrupted")) from None
+        raise RunInterrupted(run()) from None
     return run()
 
 
@@ -486,14 +489,14 @@ def along(
         keeper.take(march.steps)
         march.settle(len(march.steps), 0.0)
     steps = len(ends) - 1
-    settings = {**radau.settings, "dt": span / steps, "steps": "given"}
-    return keeper.run({**march.cost(), "steps": float(steps)}, settings, "")
+    settings: Settings = {**radau.settings, "dt": span / steps, "steps": "given"}
+    return keeper.run({**march.cost(), "steps": float(steps)}, settings)
 
 
 def _with_events(run: Run, events: Events) -> Run:
     """A run with its contacts, and the energy that bounces took."""
     said = [event._asdict() for event in events.found]
-    settings: dict[str, object] = {**run.settings, "events": said}
+    settings: Settings = {**run.settings, "events": said}
     springs, rows = run.system.loads.springs, run.system.kinks.rows
     if gaps := {row.name: springs[row.spring][0].length for row in rows if row.pin}:
         settings["clearances"] = gaps
@@ -507,20 +510,13 @@ def _stuck(name: str, now: State) -> ConvergenceError:
     """Steps have become too short to go on: because the motion runs away, or for another reason."""
     fastest = float(np.max(np.abs(now.v), initial=0.0))
     if not np.isfinite(fastest) or fastest > _RUNS_AWAY:
-        why = (
-            "the motion runs away. A link without second_order softens as it turns or is "
-            "compressed, up to that: set flexible.LINK.second_order: true; or the mechanism falls "
-            "or buckles there."
-        )
+        why, ending = "the motion runs away.", Ending.RUNS_AWAY
     else:
-        why = (
-            "steps get shorter without end. Equal steps (--set solve.dt=1e-5) tell what it is: if "
-            "they pass, round-off, and a larger tol passes too; if not, the mechanism is singular "
-            "there or the links far too soft: see level=quasistatic up to that time."
-        )
+        why, ending = "steps get shorter without end.", Ending.STEPS_VANISH
     return ConvergenceError(
-        f"{name}: t = {now.t:.6g} s: {why} error.result holds the run so far.", time=now.t
-    )
+        f"{name}: t = {now.t:.6g} s: {why} {ending.value} error.result holds the run so far.",
+        time=now.t, ending=ending,
+    )  # fmt: skip
 
 
 # States at the samples of a run, read off many steps at once.
@@ -575,10 +571,7 @@ class Record:
         """Record the last steps of a run that has broken off."""
         self.take(steps)
 
-    def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
+    def run(self, cost: dict[str, float], settings: Settings) -> Run:
         """The samples so far as a run."""
         y, v, a, lam, torque, work = (column[: self.count] for column in self._columns)
-        return Run(
-            self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work, (),
-            stopped,
-        )  # fmt: skip
+        return Run(self.system, self.t[: self.count], y, v, a, lam, torque, cost, settings, work)

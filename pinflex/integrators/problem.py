@@ -82,6 +82,67 @@ def _solved(S: Array, b: Array, n: int, compiled: Compiled | None) -> Array:
     return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])
 
 
+@dataclass(frozen=True)
+class StepSystem:
+    """What Newton's first iteration of a step of length h solves, of every velocity row.
+
+        M da + C dv + K dy - J' dlam = -r,     J dy = -c
+
+    Attributes:
+        M, C, K: Derivatives of r by a, v and y, shape (nv, nv). J: dc/dy, shape (rows, nv).
+        r: Forces left at the prediction, shape (nv,) [N m | N]; of motors, their torque.
+        c: Closures left there, shape (rows,) [m | -].
+        y, v, a, lam: The prediction, at the end of the step.
+        h: Step [s]. free: Rows that are solved for.
+    """
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+    r: Array
+    c: Array
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    h: float
+    free: IntArray
+
+    def saddle(self, gamma: float = 0.5, beta: float = 0.25) -> tuple[Array, Array]:
+        """Matrix and right side for (da, dlam) of the free rows, with Newmark's gamma and beta.
+
+            dv = gamma h da,     dy = beta h^2 da
+
+        The closures are divided by beta h^2, so that both blocks of J are alike.
+        Source: Newmark (1959), A method of computation for structural dynamics, J. Eng. Mech. 85.
+        """
+        n, at, h = len(self.free), np.ix_(self.free, self.free), self.h
+        J = self.J[:, self.free]
+        S = np.zeros((n + len(J), n + len(J)))
+        S[:n, :n] = self.M[at] + gamma * h * self.C[at] + beta * h**2 * self.K[at]
+        S[:n, n:], S[n:, :n] = -J.T, J
+        return S, -np.concatenate([self.r[self.free], self.c / (beta * h**2)])
+
+
+def build_step(mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.0) -> StepSystem:
+    """The system of equations of one step of level coupled with motors held, to be looked at.
+
+    Predicted is a motion of constant acceleration, that which the equations have at (y, v).
+
+    Args:
+        mechanism: With its motors. y, v: State, shapes (nq,) and (nv,) of the flexible mechanism.
+        h: Step [s]. t: Its start [s], for loads.
+    """
+    system = mechanism.loose
+    dynamics, held = Equations(system), system.motors
+    a, lam = consistent_acceleration(dynamics, y, v, held, np.zeros(len(held)), None, t)
+    at, speed = dynamics.integrate(y, h * v + 0.5 * h**2 * a), v + h * a
+    r, c = dynamics.residual(at, speed, a, lam, t + h)
+    M, C, K, J = dynamics.tangent(at, speed, a, lam, t + h)
+    return StepSystem(M, C, K, J, r, c, at, speed, a, lam, h, system.free)
+
+
 Path = Callable[[Array], MotorPath]
 _BESIDE = 1e-10  # of the time: beyond what laws of motion snap to, less than any step to a node
 
@@ -146,10 +207,13 @@ class Problem:
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
 
-    def pull(self, path: MotorPath, y: Array, v: Array, seen: Array | None = None) -> Array:
-        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them."""
+    def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:
+        """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.
+
+        `inside`: the states are the stages of a step.
+        """
         assert self.drive is not None
-        torque = self.drive.pull(path, self.axes, y, v, seen)
+        torque = self.drive.pull(path, self.axes, y, v, inside)
         return torque if self.sampler is None else torque + self.sampler.torque
 
     @property

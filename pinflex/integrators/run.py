@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -15,6 +15,35 @@ if TYPE_CHECKING:
     from pinflex.actuation.feedback import Signals
     from pinflex.actuation.nominal import Nominal
     from pinflex.mechanics.model.system import System
+
+
+class Settings(TypedDict, total=False):
+    """What a level used for a run; the file of a result has the same keys.
+
+    integrator: "radau", or the name of a scheme or a stepper; stages: of collocation.
+    dt: Step [s]; of steps that follow the motion their mean. steps: "given" where these are.
+    scale: Largest displacement, in the norm of the steps. gamma: Of the alpha family.
+    march: Who takes the steps, where that costs time. terms: "structural" or "full", of level ked.
+    start: Where it started: straight, static, ... drive: "prescribed" or "torque".
+    tol: Tolerance. error: Estimated error by output. judged: By what.
+    events: Contacts. clearances: Of pins, by name [m].
+    """
+
+    integrator: str
+    stages: int
+    dt: float
+    steps: str
+    scale: float
+    gamma: float
+    march: str
+    terms: str
+    start: str
+    drive: str
+    tol: float
+    error: dict[str, float]
+    judged: str
+    events: list[dict[str, Any]]
+    clearances: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -28,11 +57,10 @@ class Run:
         lam: Multipliers of the independent closure rows, shape (nt, rows).
         torque: Motor torques (N m | N), shape (nt, nm).
         cost: Counts (steps, newton, tangents, ...).
-        settings: What the level used (dt, integrator, ...).
+        settings: What the level used.
         work: Energy put in by the motors and taken by damping, shape (nt, 2), or None.
         warnings: Plain sentences.
         signals: What a control measured and drove, or None.
-        stopped: Why the run ended early, "" when it is complete.
         path: The nominal motion that a linear run deviates from, or None.
         settle: Solves the equations at the samples for accelerations and multipliers, which steps
             longer than the samples have less accurately; None: they are solved.
@@ -50,10 +78,9 @@ class Run:
     lam: Array
     torque: Array
     cost: dict[str, float]
-    settings: dict[str, object] = field(default_factory=dict)
+    settings: Settings = field(default_factory=Settings)
     work: Array | None = None
     warnings: tuple[str, ...] = ()
-    stopped: str = ""
     signals: Signals | None = None
     path: Nominal | None = None
     s: Array | None = None

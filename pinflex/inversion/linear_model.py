@@ -24,9 +24,8 @@ from scipy.linalg import eig, matrix_balance
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
-from pinflex.levels.modes import condensed
 from pinflex.levels.quasistatic import rest
-from pinflex.linalg import null_space
+from pinflex.linalg import condensed, null_space
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model

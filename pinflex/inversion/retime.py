@@ -27,7 +27,7 @@ from pinflex.description.robots.urdf import MotorLimits
 from pinflex.description.trajectories.profiles import by_name
 from pinflex.description.trajectories.waypoints import slowed
 from pinflex.errors import DescriptionError, MotionError, nearest
-from pinflex.levels.excited import ringing
+from pinflex.levels.modes import ringing
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model

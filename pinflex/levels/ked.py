@@ -19,13 +19,12 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import ConvergenceError
-from pinflex.integrators.chebyshev import Interpolation
+from pinflex.errors import ConvergenceError, Ending
+from pinflex.integrators.chebyshev import Interpolation, Varying
 from pinflex.integrators.collocation import AlphaScheme, scheme
 from pinflex.integrators.linear import Alpha, Method
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.kernel.linear import entries_of, linear_systems
-from pinflex.levels.excited import Varying
 from pinflex.levels.linear_march import LinearMarch, Response, forces_along
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
@@ -91,7 +90,7 @@ def solve_ked(
         raise _blown_up(system, path.t, y, v, a, deviation.lam, torque, done, h)
     if progress is not None:
         progress(len(t) - 1, len(t))
-    settings: dict[str, object] = {"dt": h, "terms": "structural" if structural else "full"}
+    settings: Settings = {"dt": h, "terms": "structural" if structural else "full"}
     cost: dict[str, float] = {"steps": len(t), "newton": len(t)}
     run = Run(system, path.t, y, v, a, deviation.lam, torque, cost, settings, path=path)
     run = begin.told(run)
@@ -220,12 +219,12 @@ def _blown_up(
 ) -> ConvergenceError:
     error = ConvergenceError(
         f"t = {t[k]:.6g} s, step {k}, dt = {h:.3g} s: the linear deviation grows without "
-        "bound. Use level=coupled, or a smaller dt. error.result holds the run so far.",
+        f"bound. {Ending.LINEAR_GROWS.value} error.result holds the run so far.",
         time=float(t[k]),
+        ending=Ending.LINEAR_GROWS,
     )
     upto = slice(0, k)
     error.result = Run(
-        system, t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto], {"steps": k},
-        stopped="diverged",
-    )  # fmt: skip
+        system, t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto], {"steps": k}
+    )
     return error

@@ -15,12 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array, BoolArray, IntArray
-from pinflex.integrators.chebyshev import Interpolation
+from pinflex.integrators.chebyshev import Interpolation, Varying, together
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.linear import Instant, State, alpha, start_at_rest
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import ConstantPart, LinearKernel
-from pinflex.levels.excited import Varying, together
 
 _WINDOW = 64  # steps at a time, at the least
 _VALUES = 100_000  # varying entries of the systems of a window (0.8 MB): caches are small

@@ -19,10 +19,15 @@ from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
-from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
+from pinflex.integrators.chebyshev import (
+    NOISE,
+    Interpolation,
+    PiecewiseChebyshev,
+    Varying,
+    together,
+)
 from pinflex.integrators.linear import Instant
 from pinflex.kernel.linear import entries_of, linear_systems
-from pinflex.levels.excited import NOISE, Varying, together
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads

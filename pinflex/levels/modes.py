@@ -12,16 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pinflex.actuation.motors import plain_motion
+from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.cards import card, grid
-from pinflex.description.motions.motion import Motion
+from pinflex.description.motions.motion import Motion, hold
+from pinflex.description.motions.shaping import MODES, shaped
+from pinflex.description.motions.shaping import read as read_shaper
 from pinflex.doors import door
-from pinflex.errors import DescriptionError, SingularityError
+from pinflex.errors import DescriptionError
 from pinflex.levels.moving_modes import At, Moving, state_at, whirl
 from pinflex.levels.quasistatic import acts_without_potential, coupled, rest
-from pinflex.linalg import eigh, lapack, null_space
-from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.linalg import condensed, null_space
+from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief, table
 from pinflex.threads import one_blas_thread
@@ -29,8 +33,6 @@ from pinflex.threads import one_blas_thread
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LOW = 1e-8  # omega^2 below this share of the highest: half its digits are round-off
-_STIFF = 1e-6  # least pivot of K with unit diagonal at which nothing is free to move
 
 # Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
 _ROUND_OFF = 1e-7
@@ -151,7 +153,7 @@ def modes(
     if at is not None:
         if q is not None:
             raise DescriptionError("modes: q and at: a pose or a motion. Give one of them.")
-        state = state_at(mechanism, dynamics, at, motion)
+        state = state_at(mechanism, dynamics, at, lambda: motion or default_motion(mechanism))
         return _about(mechanism, dynamics, state, count, free_motors)
     y, K = linearised(mechanism, dynamics, q, preload)
     M = dynamics.mass(y)
@@ -231,74 +233,6 @@ def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
     return null_space(dynamics.close(y).J[:, free])
 
 
-def condensed(K: Array, M: Array) -> tuple[Array, Array, Array]:
-    """Unit-mass modes of what has mass, and the compliance of what has none.
-
-    Returns:
-        Modes x (n, k), the massless coordinates following statically; compliance (n, n) of the
-        massless ones with the others held; omega^2 (k,).
-    """
-    K, M = 0.5 * (K + K.T), 0.5 * (M + M.T)
-    if not len(K):
-        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
-    scale = np.where(
-        np.diag(M) > 1e-14 * np.max(np.diag(M)), scale, 1.0 / np.sqrt(np.max(np.diag(M)))
-    )
-    values, V = np.linalg.eigh(M * scale * scale[:, None])
-    heavy = values > 1e-13 * values[-1]
-    V = scale[:, None] * V
-    if np.all(heavy):
-        omega2, x = _lowest_again(K, M, *eigh(K, M))
-        return x, np.zeros_like(K), omega2
-    H, L = V[:, heavy], V[:, ~heavy]
-    soft = L.T @ K @ L
-    if np.linalg.eigvalsh(soft)[0] < 1e-12 * float(np.max(np.abs(K * scale * scale[:, None]))):
-        raise SingularityError(
-            "modes: a coordinate has neither mass nor stiffness: two coordinates make one motion "
-            "(a basis with free ends on a joint that moves the same way), or a massless link "
-            "swings freely. Take a basis clamped at its root, fix the joint, or give the link "
-            "a mass."
-        )
-    T = H - L @ np.linalg.lstsq(soft, L.T @ K @ H, rcond=None)[0]
-    K, M = T.T @ K @ T, T.T @ M @ T
-    omega2, x = _lowest_again(K, M, *eigh(K, M))
-    return T @ x, L @ np.linalg.lstsq(soft, L.T, rcond=None)[0], omega2
-
-
-def _lowest_again(K: Array, M: Array, omega2: Array, x: Array) -> tuple[Array, Array]:
-    """Eigenpairs of (K, M), those far below the highest again from (M, K).
-
-    Each way errs by round-off of its largest eigenvalue: omega^2 of the lowest is lost where the
-    highest is 1e13 times larger (a payload of 1e10 times the beam), 1/omega^2 of the lowest is not.
-    """
-    highest = float(np.max(np.abs(omega2), initial=0.0))
-    low = np.abs(omega2) < _LOW * highest
-    if not np.any(low):
-        return omega2, x
-    # Round-off of a zero frequency is 1e-16 of the largest omega^2: shown as zero.
-    shown = np.where(np.abs(omega2) < 1e-13 * highest, 0.0, omega2)
-    size = np.diag(K)
-    if np.any(size <= 0):
-        return shown, x
-    scale = 1.0 / np.sqrt(size)
-    try:
-        L = np.linalg.cholesky(K * scale * scale[:, None])
-    except np.linalg.LinAlgError:
-        return shown, x
-    if np.min(np.diag(L)) < _STIFF:  # something is free to move, or nearly so
-        return shown, x
-    trtrs = lapack().dtrtrs
-    half = trtrs(L, M * scale * scale[:, None], lower=True)[0]
-    flexibility, z = np.linalg.eigh(trtrs(L, half.T, lower=True)[0])
-    again = slice(None, -int(np.sum(low)) - 1, -1)
-    found = trtrs(L.T, z[:, again])[0] * scale[:, None]
-    shown, x = shown.copy(), x.copy()
-    shown[low] = 1.0 / flexibility[again]
-    x[:, low] = found / np.sqrt(flexibility[again])
-    return shown, x
-
-
 def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]]:
     """Which links bend in which mode: shares of the elastic energy."""
     system = mechanism.flexible
@@ -341,3 +275,105 @@ def rigid_body(found: Modes) -> str:
     """The modes at 0 Hz in words, "" where there are none."""
     n = found.rigid_body
     return f"{n} rigid-body mode{'s'[: n != 1]} at 0 Hz" if n else ""
+
+
+# Vibrations that a motion excites; the motion of the YAML, shaped so that it excites less.
+
+_INSTANTS = 9
+_LOOKED_AT = 9  # lowest modes
+_SEEN = 0.05  # share of the largest energy at which a mode counts
+_SAME = 0.05  # relative: modes so close are one to a shaper
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """Modes with locked motors that a motion excites, in the order of their frequencies.
+
+    Attributes:
+        frequencies: In the middle of their range along the motion [Hz], shape (k,).
+        low, high: Ends of the range [Hz], shape (k,).
+        damping: Damping ratio in the middle [-], shape (k,).
+        energy: Elastic energy that the motion's inertia forces put into each at most [J], (k,).
+    """
+
+    __repr__ = brief
+
+    frequencies: Array
+    low: Array
+    high: Array
+    damping: Array
+    energy: Array
+
+
+@public
+@takes_model
+def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
+    """The vibrations that a motion excites: of largest elastic energy under its inertia forces.
+
+    Modes that lie within 5 % of each other count once.
+
+    Args:
+        mechanism: With a flexible link or an elastic joint.
+        motion: Its motion.
+        most: Number of modes at most.
+    Raises:
+        DescriptionError: Nothing vibrates, or the motion excites nothing.
+        ConvergenceError, MotionError: No equilibrium, or the motion cannot be followed.
+    """
+    system = mechanism.flexible
+    if not mechanism.compliant:
+        raise DescriptionError(
+            f"{mechanism.name}: nothing vibrates. Describe flexible links or elastic joints."
+        )
+    # inside, where accelerations are: at the ends a smooth motion has none
+    t = motion.duration * (np.arange(_INSTANTS) + 0.5) / _INSTANTS
+    path, dynamics, rows = nominal(mechanism, motion, t), Equations(system), []
+    for q, acceleration in zip(path.q, path.a, strict=True):
+        found = modes(mechanism, q, count=_LOOKED_AT, preload="none")
+        alive = found.frequencies > 0.0
+        shapes, omega = found.shapes[:, alive], 2.0 * np.pi * found.frequencies[alive]
+        a = np.zeros(system.nv)
+        a[: len(acceleration)] = acceleration
+        energy = 0.5 * (shapes.T @ (dynamics.mass(found.y) @ a) / omega) ** 2
+        damping = np.einsum("ik,ij,jk->k", shapes, system.D, shapes) / (2.0 * omega)
+        rows.append(np.stack([omega / (2.0 * np.pi), damping, energy]))
+    many = min(row.shape[1] for row in rows)
+    f, damping, energy = np.stack([row[:, :many] for row in rows], axis=1)
+    peak = energy.max(axis=0, initial=0.0)
+    if not many or not np.any(peak > 0.0):
+        raise DescriptionError(f"{mechanism.name}: the motion excites no vibration.")
+    ranked = [k for k in np.argsort(-peak) if peak[k] >= _SEEN * peak.max()]
+    low, high = f.min(axis=0), f.max(axis=0)
+    middle = 0.5 * (low + high)
+    kept: list[int] = []
+    for k in ranked:
+        if len(kept) < most and all(abs(middle[k] / middle[j] - 1.0) > _SAME for j in kept):
+            kept.append(int(k))
+    at = np.sort(np.array(kept))
+    return Ringing(middle[at], low[at], high[at], damping.mean(axis=0)[at], peak[at])
+
+
+def default_motion(mechanism: Mechanism) -> Motion:
+    """The motion of the YAML, shaped where it says so; one second at rest where it has none.
+
+    The same object each time: what is known of a motion is found by it.
+    """
+    found = mechanism.followed.motions  # modes of a shaped one are slow to find
+    if not found:
+        Followed.keep(found, _written(mechanism), 1)
+    motion: Motion = found[0]
+    return motion
+
+
+def _written(mechanism: Mechanism) -> Motion:
+    block = mechanism.description.motion
+    if block is None:
+        return hold(duration=1.0)
+    motion, where = plain_motion(mechanism), f"{mechanism.name}.yaml: motion.shaper"
+    asked = read_shaper(block.get("shaper"), where)
+    if asked is None:
+        return motion
+    if asked.frequencies:
+        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+    found = ringing(mechanism, motion, asked.modes)
+    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())

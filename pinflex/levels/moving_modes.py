@@ -11,7 +11,7 @@ stayed as it is then.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +51,9 @@ class Moving:
     about: str
 
 
-def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion | None) -> Moving:
+def state_at(
+    mechanism: Mechanism, dynamics: Equations, at: At, motion: Callable[[], Motion]
+) -> Moving:
     """The state that `at` names; links balance the inertia forces of the nominal motion."""
     if isinstance(at, tuple):
         return state_of_run(mechanism, *at)
@@ -67,9 +69,7 @@ def state_at(mechanism: Mechanism, dynamics: Equations, at: At, motion: Motion |
         about = f"the steady motion {words} (rad/s, m/s)"
     else:
         t = number(at, f"{mechanism.name}: modes: at", low=0.0, of="time")
-        from pinflex.levels.excited import default_motion  # late: a shaper needs modes
-
-        one = nominal(mechanism, motion or default_motion(mechanism), np.array([t]))
+        one = nominal(mechanism, motion(), np.array([t]))
         q, v, a, about = one.q[0], one.v[0], one.a[0], f"the motion at t = {t:g} s"
     none = np.zeros(mechanism.flexible.n_eta)
     v, a = np.concatenate([v, none]), np.concatenate([a, none])

@@ -12,9 +12,9 @@ from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.run import Run
-from pinflex.linalg import negative_directions, null_space, saddle_matrix
+from pinflex.linalg import condensed, negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
@@ -133,8 +133,9 @@ def balance(
     if done < 1.0:
         raise ConvergenceError(
             f"{where}: no equilibrium: the load can be put on to {100 * done:.0f} % only. "
-            "The mechanism may buckle or fall there: lock motors, add springs, or stiffen links.",
+            f"{Ending.NO_EQUILIBRIUM.value}",
             part=done,
+            ending=Ending.NO_EQUILIBRIUM,
         )
     return replace(state, iterations=spent)
 
@@ -265,8 +266,6 @@ def unstable_directions(
     negative = negative_directions(K, J)
     if not (negative and acts_without_potential(dynamics.system, t)):
         return negative
-    from pinflex.levels.modes import condensed  # late: modes are about an equilibrium
-
     Z = null_space(J) if len(J) else np.eye(len(free))
     x, _, omega2 = condensed(Z.T @ K @ Z, Z.T @ dynamics.mass(y)[np.ix_(free, free)] @ Z)
     s, _ = coupled(0.5 * Z.T @ (K - K.T) @ Z, x, omega2)
@@ -342,14 +341,14 @@ def solve_quasistatic(
             if last is not None and _snapped(dynamics, last, found, now, free):
                 raise ConvergenceError(
                     f"{mechanism.name}: t = {t[k]:.6g} s: no equilibrium near that of the instant "
-                    "before, only an unstable one further off. The mechanism buckles or falls "
-                    "there: lock motors, add springs, or stiffen links."
+                    f"before, only an unstable one further off. {Ending.SNAPS_THROUGH.value}",
+                    ending=Ending.SNAPS_THROUGH,
                 )
         except ConvergenceError as error:
             upto = slice(0, k)
             error.result = Run(
                 system, path.t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto],
-                {"steps": k, "newton": newton}, stopped=str(error),
+                {"steps": k, "newton": newton},
             )  # fmt: skip
             raise
         y[k], v[k], a[k], lam[k] = found.y, found.v, found.a, found.lam

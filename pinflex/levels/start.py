@@ -16,8 +16,8 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
 from pinflex.description.solve import Speeds
-from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, nearest
-from pinflex.integrators.run import Run
+from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, Ending, nearest
+from pinflex.integrators.run import Run, Settings
 from pinflex.levels.linearised import LinearPath
 from pinflex.levels.moving_modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
@@ -62,7 +62,7 @@ class Start:
     def told(self, run: Run) -> Run:
         """The run with this in its settings and warnings."""
         said = (self.said,) if self.said else ()
-        settings = {**run.settings, "start": self.kind}
+        settings: Settings = {**run.settings, "start": self.kind}
         return replace(run, settings=settings, warnings=(*run.warnings, *said))
 
 
@@ -211,7 +211,8 @@ def _shaken(why: str) -> str:
 
 def _no_equilibrium(text: str, error: ConvergenceError | None = None) -> ConvergenceError:
     advice = "Or write start: straight, which starts with undeformed links."
-    return ConvergenceError(f"{text} {advice}", **({} if error is None else error.data))
+    known = {"ending": Ending.NO_EQUILIBRIUM} if error is None else error.data
+    return ConvergenceError(f"{text} {advice}", **known)
 
 
 def straight_start(

@@ -15,7 +15,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS
-from pinflex.levels.excited import default_motion
+from pinflex.levels.modes import default_motion
 from pinflex.live.simulator import Simulator
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.compiled import Compiled
@@ -91,8 +92,6 @@ def placed(mechanism: Mechanism, name: str, sensor: object) -> Placed:
 
 class _Encoder:
     def __init__(self, mechanism: Mechanism, given: Encoder, where: str) -> None:
-        from pinflex.actuation.motors import motor_axes
-
         names = mechanism.motors
         if given.motor not in names:
             raise DescriptionError(

@@ -19,7 +19,7 @@ from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.live.engine import Bounds, Engine
 from pinflex.live.readings import FrameNow, LinkNow, Log, Motors, Snapshot
 from pinflex.live.sensors import Sensor, placed
@@ -441,7 +441,7 @@ class Simulator:
 
     def _result(self, log: Log) -> Result:
         t, (y, v, a, s, lam, torque, _) = np.array(log.t), log.columns()
-        settings: dict[str, object] = {
+        settings: Settings = {
             "integrator": self._at.march.scheme.name, "dt": self.dt, "start": self.start,
             "drive": "torque",  # rigid poses are those of the motors where they are
         }  # fmt: skip

@@ -35,20 +35,16 @@ class Manifold:
 
     Attributes:
         turning: Whether some joint turns in space, so that its rates are not those of its move.
-        sparing: Whether coordinates that the caller writes are left as they are.
     """
 
-    def __init__(self, dynamics: Equations, told: Sequence[int] | IntArray = ()) -> None:
-        """`told`: rows of single-axis joints whose coordinates the caller writes."""
+    def __init__(self, dynamics: Equations) -> None:
         self._dynamics = dynamics
         joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
-        written = set(told)
         for joint in dynamics.system.rigid.joints[1:]:
-            if joint.nv and not (joint.nv == 1 and joint.idx_v in written):
+            if joint.nv:
                 joints[_kind(joint)].append(joint)
         self._easy = not joints["other"]
         self.turning = bool(joints["sphere"] or joints["other"])
-        self.sparing = self._easy and not dynamics.vector_space
         q, v = _rows(joints["plain"])
         eta = np.arange(dynamics.system.n_eta)  # which adds up too
         self._q = np.concatenate([q, dynamics.nq_rigid + eta])
@@ -57,15 +53,15 @@ class Manifold:
         q, v = _first_rows(joints["sphere"])
         self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
 
-    def retract(self, y: Array, moves: Array, out: Array | None = None) -> Array:
+    def retract(self, y: Array, moves: Array) -> Array:
         """Poses that moves lead to, shape (k, nq)."""
         d = self._dynamics
         if d.vector_space:
-            return np.add(y, moves, out=out)
+            return np.asarray(y + moves)
         if not self._easy:
             pairs = zip(np.broadcast_to(y, (len(moves), y.shape[-1])), moves, strict=True)
             return np.array([d.integrate(*pair) for pair in pairs]).reshape(-1, y.shape[-1])
-        out = np.empty((len(moves), y.shape[-1])) if out is None else out
+        out = np.empty((len(moves), y.shape[-1]))
         out[:, self._q] = y.take(self._q, axis=-1) + moves.take(self._v, axis=1)
         if len(self._circle_q):
             angle, at = moves[:, self._circle_v], self._circle_q
@@ -79,7 +75,7 @@ class Manifold:
         return out
 
     def log(self, y0: Array, y1: Array) -> Array:
-        """Moves that take poses y0 to y1, shape (k, nv); zero in rows that the caller writes."""
+        """Moves that take poses y0 to y1, shape (k, nv)."""
         d = self._dynamics
         if d.vector_space:
             return y1 - y0

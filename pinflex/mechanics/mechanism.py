@@ -24,6 +24,7 @@ from pinflex.description.reading.schema import shown
 from pinflex.description.robots.urdf import MotorLimits, motor_limits
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.assembly import LoopReport
+from pinflex.mechanics.clearance import with_clearance
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Followed, share
@@ -126,8 +127,6 @@ class Mechanism:
         let_go = np.union1d(self.idle.base, self.idle.loose)
         system = self.flexible
         if any(loop.clearance is not None for loop in self.description.loops):
-            from pinflex.mechanics.clearance import with_clearance
-
             system = with_clearance(system, self.description.loops)
         if not len(let_go):
             return system

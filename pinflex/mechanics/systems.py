@@ -26,10 +26,16 @@ from pinflex.mechanics.misfit import Misfit
 from pinflex.mechanics.model.cost import require_workspace
 from pinflex.mechanics.model.damping import link_damping, rows_of
 from pinflex.mechanics.model.expanded import Expansion
-from pinflex.mechanics.model.loads import added_masses, loads, require_apart
+from pinflex.mechanics.model.loads import (
+    Springs,
+    added_masses,
+    joint_friction,
+    loads,
+    require_apart,
+)
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.slider import sleeves
-from pinflex.mechanics.model.system import Springs, System, joint_friction
+from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import joint_springs
 from pinflex.mechanics.reference.placing import Placing
 from pinflex.text import brief

@@ -16,8 +16,7 @@ import numpy as np
 from pinflex.description.motions import laws
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
-from pinflex.levels.excited import ringing
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import modes, ringing
 from pinflex.quickest.fastest import Fastest
 from pinflex.quickest.rigid import RigidPath
 from pinflex.quickest.settling import settled

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from pinflex.actuation.nominal import Nominal
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
+from pinflex.mechanics.clearance import pins
 from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -60,8 +62,6 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         if kind != "coupling"
     }
     if system.kinks.rows and any(one.clearance for one in mechanism.description.loops):
-        from pinflex.mechanics.clearance import pins
-
         places = equations.joint_poses(run.y)
         for name, (place, force) in pins(system, mechanism.description.loops, places).items():
             out[f"loop/{name}/orbit"] = place
@@ -173,7 +173,7 @@ def run_of(mechanism: Mechanism, result: Result) -> Run:
     if "nominal/q" in result.arrays:
         rigid = [result.array(f"nominal/{x}") for x in "qva"]
         path = Nominal(result.t, rigid[0], rigid[1], rigid[2])
-    settings = dict(result.meta["settings"])
+    settings = cast("Settings", dict(result.meta["settings"]))
     return Run(system, result.t, y, v, a, lam, result.torque, {}, settings, path=path)
 
 

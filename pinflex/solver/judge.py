@@ -12,18 +12,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath
 from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError, SceneError
-from pinflex.integrators.batch import Batch, States
+from pinflex.errors import ConvergenceError, Ending, SceneError
 from pinflex.integrators.corrector import Before, Corrector, Inside
 from pinflex.integrators.march import ANEW, Radau, Record
-from pinflex.integrators.problem import Path, State
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.levels.outputs import (
     LEAST_SIZES,
     REST,
@@ -35,7 +32,13 @@ from pinflex.levels.outputs import (
 )
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.solver.scene import Scene
+
+if TYPE_CHECKING:
+    from pinflex.actuation.drive import MotorPath
+    from pinflex.arrays import Array
+    from pinflex.integrators.batch import Batch, States
+    from pinflex.integrators.problem import Path, State
+    from pinflex.solver.scene import Scene
 
 # How far a run is going to move, before it is made: from the rigid motion and the stiffness.
 #
@@ -257,16 +260,16 @@ class Judge:
         self._better.keep(twice, samples)
         self._before = self._corrector.last(steps, once), self._second.last(once, twice)
 
-    def runs(self, cost: dict[str, float], settings: dict[str, object]) -> tuple[Run, Run]:
+    def runs(self) -> tuple[Run, Run]:
         """The corrected run, and the one corrected twice."""
-        return self._found.run(cost, settings, ""), self._better.run(cost, settings, "")
+        return self._found.run({}, {}), self._better.run({}, {})
 
     def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
         self.stuck = True
         self.take(steps)
 
-    def run(self, cost: dict[str, float], settings: dict[str, object], stopped: str) -> Run:
+    def run(self, cost: dict[str, float], settings: Settings) -> Run:
         """The corrected run so far."""
         steps = cost["steps"]
         cost = {
@@ -276,12 +279,12 @@ class Judge:
             "steps": steps + cost["repeated"],
             "runs": float(self.begun),
         }
-        return self._found.run(cost, settings, stopped)
+        return self._found.run(cost, settings)
 
     def inside(self, jumps: Sequence[float], run: Run) -> Inside:
         """What solves the equations at samples inside steps."""
         problem, drive = self._radau.problem, self._radau.problem.drive
-        path, axes, h = problem.path, problem.axes, float(str(run.settings["dt"]))
+        path, axes, h = problem.path, problem.axes, run.settings["dt"]
 
         def pull(run: Run) -> Array:
             assert drive is not None
@@ -303,7 +306,7 @@ class Judge:
             for key in (self._histories[0] if self._histories else {})
         }
         if not any(found.values()):
-            return self._compare.differences(*self.runs({}, {}))  # at rest, or joints alone move
+            return self._compare.differences(*self.runs())  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
 
     def _corrected(self, steps: Batch) -> tuple[Batch, Batch]:
@@ -420,8 +423,9 @@ class Judge:
         self.resolution *= CONTROL.shrink
         if self.resolution < CONTROL.finest:
             raise ConvergenceError(
-                "steps cannot be corrected: their equations are singular with one stage more. Give "
-                "a larger tol, or dt."
+                "steps cannot be corrected: their equations are singular with one stage more. "
+                f"{Ending.NOT_CORRECTED.value}",
+                ending=Ending.NOT_CORRECTED,
             )
         return 0
 

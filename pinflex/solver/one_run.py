@@ -15,9 +15,9 @@ import numpy as np
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import ASKED
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.march import SHORT, Radau
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.levels.modes import modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.mechanics.evaluation.equations import Equations
@@ -34,9 +34,7 @@ from pinflex.threads import one_blas_thread
 
 def errors(run: Run) -> dict[str, float]:
     """Estimated error by output of a run within a tolerance."""
-    found = run.settings["error"]
-    assert isinstance(found, dict)
-    return found
+    return run.settings["error"]
 
 
 def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> ConvergenceError:
@@ -45,8 +43,9 @@ def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> Co
     least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
     failed = ConvergenceError(
         f"{scene.mechanism.name}: tol = {tol:g} is below what can be told here: shorter steps show "
-        f"only round-off. The floor of this scene is about tol = {least}: give that or more. "
-        "error.result holds the best run."
+        f"only round-off. The floor of this scene is about tol = {least}: "
+        f"{Ending.ROUND_OFF.value} error.result holds the best run.",
+        ending=Ending.ROUND_OFF,
     )
     failed.result = last
     return failed
@@ -253,7 +252,7 @@ class _OneRun:
         """Estimated error of forces and stresses; 0 where they are well within the tolerance."""
         if run.judged is None or {*(self.scene.spec.asked or ASKED)} != {*ASKED}:
             return 0.0  # a tolerance that is about some outputs by name is about nothing else
-        once, twice = judge.runs({}, {})
+        once, twice = judge.runs()
         strain, force = elastic_apart(once, twice, self.dynamics.mass(twice.y[0]))
         if strain <= _CLEAR * self.tol and force <= _CLEAR_FORCE * self.tol:
             return 0.0
@@ -286,10 +285,12 @@ class _OneRun:
 
     def _judged(self, judge: Judge, run: Run) -> Run:
         error = {key: max(e / PART, ROUND_OFF) for key, e in judge.differences.items()}
-        told = {"tol": self.tol, "error": error, "judged": "a correction of every step"}
-        settings = {**run.settings, **told}
+        settings: Settings = {
+            **run.settings, "tol": self.tol, "error": error,
+            "judged": "a correction of every step",
+        }  # fmt: skip
         settle = judge.inside(breaks(self.scene.motion, self.dynamics.system.loads), run)
-        once, twice = (replace(x, settle=settle) for x in judge.runs({}, {}))
+        once, twice = (replace(x, settle=settle) for x in judge.runs())
         judged = force_errors(self.scene.mechanism, once, twice, PART) if error else None
         warnings = (*run.warnings, *ringing(self.scene, run))
         return replace(run, settings=settings, warnings=warnings, settle=settle, judged=judged)

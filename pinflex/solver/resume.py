@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.plain.alpha import Step
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
@@ -35,12 +36,13 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
     def joined(joints: str, elastic: str) -> Array:
         return np.hstack([a[joints], a.get(elastic, np.zeros((len(result.t), 0)))])
 
-    s = result.meta.get("resume")
+    s, settings = result.meta.get("resume"), result.meta["settings"]
+    settings = {**settings, "dt": float(settings["dt"])}
     run = Run(
         system, result.t, joined("joint/q", "eta"), joined("joint/v", "eta_v"),
         joined("joint/a", "eta_a"), a["multiplier"], a["torque"],
         {k: float(n) for k, n in result.meta["cost"].items() if "seconds" not in k},
-        dict(result.meta["settings"]),
+        cast("Settings", settings),
         np.column_stack([a["energy/work"], a["energy/dissipated"]]),
         s=None if s is None else np.array([s]),
     )  # fmt: skip
@@ -90,7 +92,7 @@ def state(run: Run, h: float) -> Step | None:
     The algorithmic acceleration s belongs to one step size; without it a consistent start differs
     from the uninterrupted run by the O(h^2) of its error.
     """
-    if run.s is None or abs(h / float(str(run.settings["dt"])) - 1.0) > _SAME:
+    if run.s is None or abs(h / run.settings["dt"] - 1.0) > _SAME:
         return None
     parts = (run.y, run.v, run.a, run.s, run.lam, run.torque)
     y, v, a, s, lam, torque = (part[-1].copy() for part in parts)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.run import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
@@ -96,7 +96,10 @@ class SameSteps:
         began, scene = time.perf_counter(), scene_of(design, self.level)
         marks = _marks(scene)
         if len(marks) != len(self.marks):
-            raise ConvergenceError(f"{design.name}: its motion or loads have other breaks.")
+            raise ConvergenceError(
+                f"{design.name}: its motion or loads have other breaks.",
+                ending=Ending.OTHER_BREAKS,
+            )
         # from instant to instant, closed loops are followed: not too far at once
         every = np.union1d(t, self.marks[[0, -1]] if self.stepped else self.grid)
         with one_blas_thread():

@@ -240,7 +240,7 @@ class Scene:
         if self.before is None:
             start = self.start
         else:
-            begun = str(self.before.settings.get("start", "straight"))
+            begun = self.before.settings.get("start", "straight")
             start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
@@ -305,7 +305,7 @@ class Scene:
 
         A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
         """
-        scale = 0.0 if coarser is None else float(str(coarser.settings["scale"]))
+        scale = 0.0 if coarser is None else coarser.settings["scale"]
         first = collocation.SHORT if scale > 0.0 else collocation.LONG
         record = Record(self._system, t, resolution)
         return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, finer)

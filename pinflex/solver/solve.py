@@ -22,6 +22,7 @@ from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
     ConvergenceError,
     DescriptionError,
+    Ending,
     MotionError,
     RunInterrupted,
     SceneError,
@@ -29,7 +30,8 @@ from pinflex.errors import (
 from pinflex.integrators.collocation import AlphaScheme, Collocation
 from pinflex.integrators.run import Run
 from pinflex.kernel.library import warn_if_missing
-from pinflex.levels.excited import default_motion as default_motion
+from pinflex.levels.modes import default_motion as default_motion
+from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.cost import require_samples
@@ -176,9 +178,10 @@ def _require_finite(mechanism: Mechanism, run: Run) -> None:
         if np.any(bad):
             t = float(run.t[int(np.argmax(bad))])
             raise ConvergenceError(
-                f"t = {t:.6g} s: {mechanism.name}: the {what} is not finite. A mass, a speed or a "
-                "load is too large, or nothing holds a joint that has no mass.",
+                f"t = {t:.6g} s: {mechanism.name}: the {what} is not finite. "
+                f"{Ending.NOT_FINITE.value}",
                 time=t,
+                ending=Ending.NOT_FINITE,
             )
 
 
@@ -268,7 +271,7 @@ def _run(scene: Scene, end: float, progress: Progress | None) -> Run:
     spec, before = scene.spec, scene.before
     if before is not None:
         t = grid(before, end, scene.mechanism.name)
-        dt = spec.dt if spec.dt is not None else float(str(before.settings["dt"]))
+        dt = spec.dt if spec.dt is not None else before.settings["dt"]
         return join(before, scene.stepped(t, dt, progress))
     samples = spec.samples or SAMPLES
     require_samples(scene.mechanism, samples)
@@ -293,8 +296,6 @@ def rigid_reference(mechanism: Mechanism, motion: Motion, run: Run) -> Nominal |
     let_go = run.system is mechanism.loose and run.system is not mechanism.flexible
     if run.settings.get("drive") != "torque" and determined and not let_go:
         return _as_far_as_it_goes(mechanism, motion, run)
-    from pinflex.mechanics.assembly import close_loops
-
     dynamics, axes = Equations(mechanism.rigid), motor_axes(mechanism)
     passive = mechanism.rigid.free
     n = int(mechanism.rigid.nq)

@@ -16,10 +16,10 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED, SolveSpec
-from pinflex.errors import ConvergenceError
+from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.linear import Alpha
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.solver.one_run import errors, floor, force_errors, in_one_run, ringing
@@ -36,7 +36,6 @@ _CHAOTIC, _ABRUPT = 1, 3
 _FINER = 16.0  # resolution of a run of collocation over that of the next
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
-_WAYS_OUT = "Give a larger tol, start=static, or damping for what rings;"
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
 
 
@@ -201,7 +200,7 @@ class _Refinement:
         """The finer run with its estimated error, all its cost and what it warns of."""
         differ = self.compare.differences(coarse, fine)
         error = {key: max(e / self.gain, ROUND_OFF) for key, e in differ.items()}
-        settings = {**fine.settings, "tol": self.tol, "error": error}
+        settings: Settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
         warnings = (*fine.warnings, *ringing(self.scene, fine))
         judged = force_errors(self.scene.mechanism, coarse, fine, self.gain)
@@ -212,8 +211,9 @@ class _Refinement:
         key, change = max(errors(self.last).items(), key=lambda item: item[1])
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
-            f"{change:.2g} after {self.runs} runs. {_WAYS_OUT} error.result holds the last run. "
-            + " ".join(self.last.warnings)
+            f"{change:.2g} after {self.runs} runs. {Ending.TOL_NOT_REACHED.value} "
+            f"error.result holds the last run. {' '.join(self.last.warnings)}",
+            ending=Ending.TOL_NOT_REACHED,
         )
         failed.result = self.last
         return failed

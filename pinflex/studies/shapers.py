@@ -10,7 +10,7 @@ from pinflex.actuation.motors import plain_motion
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion
 from pinflex.description.motions.shaping import KINDS, MODES, TOLERATED, Shaper, shaper
-from pinflex.levels.excited import Ringing, ringing
+from pinflex.levels.modes import Ringing, ringing
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 

@@ -23,9 +23,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.levels.modes import allowed_motions, condensed, vibrating
+from pinflex.levels.modes import allowed_motions, vibrating
 from pinflex.levels.quasistatic import rest
-from pinflex.linalg import saddle_matrix
+from pinflex.linalg import condensed, saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 

@@ -12,7 +12,7 @@ import scenes
 import pinflex as pf
 from pinflex.description.motions.motion import from_spec
 from pinflex.description.motions.shaping import shaper
-from pinflex.levels.excited import ringing
+from pinflex.levels.modes import ringing
 from pinflex.solver.solve import default_motion
 from pinflex.studies.shapers import ERRORS, shapers
 

@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
+import pinflex as pf
+from pinflex.errors import Ending
 from tests.golden.bad_inputs import FILE, messages
+
+MARCHING = ("solver", "levels", "integrators")
 
 
 def test_every_bad_input_is_told_what_it_was_told_before() -> None:
     before, now = (text.split("\n\n") for text in (FILE.read_text("utf-8"), messages()))
     assert [entry for entry in now if entry.endswith("\nno error")] == []
     assert [pair for pair in zip(before, now, strict=True) if pair[0] != pair[1]] == []
+
+
+def test_every_run_that_ends_early_says_why_from_one_list() -> None:
+    """Each ConvergenceError of the marches names its ending, and no ending is left over."""
+    named = set[str]()
+    for path in (
+        file for room in MARCHING for file in (Path(pf.__file__).parent / room).rglob("*.py")
+    ):
+        text = path.read_text("utf-8")
+        named |= {
+            node.attr for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)
+        }
+        for call in ast.walk(ast.parse(text)):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "ConvergenceError":
+                assert {"ending", None} & {word.arg for word in call.keywords}, path
+    assert {ending.name for ending in Ending} <= named

@@ -310,7 +310,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
     """The motion of a YAML mapping {kind: ..., keyword arguments of its constructor, shaper}.
 
     A shaper without frequencies, which only the mechanism knows, is left to
-    `levels.excited.default_motion`.
+    `levels.modes.default_motion`.
     """
     if not isinstance(spec, Mapping):
         raise keys.bad(

@@ -10,15 +10,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.motions.laws import Kinematics
-from pinflex.description.motions.trajectory import Motion
 from pinflex.description.reading import schema
 from pinflex.errors import DescriptionError, nearest
+
+if TYPE_CHECKING:
+    from pinflex.description.motions.trajectory import Motion
 
 KEYS = ("kind", "frequencies", "damping", "modes")
 KINDS = ("zv", "zvd", "ei")

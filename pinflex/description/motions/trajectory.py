@@ -16,6 +16,7 @@ from pinflex.cards import card, grid
 from pinflex.description.motions import laws
 from pinflex.description.motions import motion_keys as keys
 from pinflex.description.motions.laws import Kinematics
+from pinflex.description.motions.shaping import shaped
 from pinflex.description.reading.schema import shown
 from pinflex.doors import door
 from pinflex.errors import nearest
@@ -155,8 +156,6 @@ class Motion:
             damping: Damping ratios [-], one for each or one for all.
         Source: see `pinflex.description.motions.shaping`.
         """
-        from pinflex.description.motions.shaping import shaped
-
         return shaped(self, kind, modes, damping)
 
 

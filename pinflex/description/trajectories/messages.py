@@ -15,6 +15,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.files import MOST_TABLE, require_regular
 from pinflex.description.motions import motion_keys as keys
+from pinflex.description.reading import yaml_text
 from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
@@ -73,8 +74,6 @@ def read(file: str | Path) -> Waypoints:
 
 def _of_text(text: str, where: str) -> Waypoints:
     """A message in YAML or JSON."""
-    from pinflex.description.reading import yaml_text
-
     text = re.sub(r"\n---\s*$", "\n", text.replace("\t", " "))  # `ros2 topic echo` ends so
 
     def place(*path: str | int) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,9 @@ from pinflex.description.motions import motion_keys as keys
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.trajectory import Motion
 from pinflex.description.reading.schema import shown
+from pinflex.description.trajectories import messages
+from pinflex.description.trajectories.messages import Waypoints
 from pinflex.description.trajectories.pieces import Pieces, hermite
-
-if TYPE_CHECKING:
-    from pinflex.description.trajectories.messages import Waypoints
 
 _RATES = ("positions", "velocities", "accelerations")
 _FEW = 64  # waypoints at which steps end; of more those alone at which an acceleration jumps
@@ -52,8 +51,6 @@ def trajectory(
     Raises:
         DescriptionError: A malformed message or table, with line and field.
     """
-    from pinflex.description.trajectories import messages  # late: most motions are no messages
-
     if (file is None) == (points is None):
         raise keys.bad("trajectory", "give either file, or joint_names and points.")
     if isinstance(file, str | Path):
@@ -87,9 +84,7 @@ def points_of(found: Waypoints) -> list[dict[str, Any]]:
 
 
 def _inline(*path: str | int) -> str:
-    from pinflex.description.trajectories.messages import dotted
-
-    return f"trajectory.{dotted(path)}"
+    return f"trajectory.{messages.dotted(path)}"
 
 
 def _begin(found: Waypoints, start: Any) -> Array:

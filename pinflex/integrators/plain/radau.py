@@ -23,10 +23,10 @@ import numpy as np
 
 from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
-from pinflex.errors import ConvergenceError, MotionError, RunInterrupted
+from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, State, StepFailed, seen_inside
-from pinflex.integrators.run import Run
+from pinflex.integrators.run import Run, Settings
 from pinflex.linalg import lapack
 from pinflex.mechanics.manifold import Manifold
 
@@ -85,7 +85,11 @@ class PlainRadau:
                 yield step
                 return
         if not halvings:
-            raise ConvergenceError(f"a step of {h:.3g} s cannot be solved.", time=start.t)
+            raise ConvergenceError(
+                f"a step of {h:.3g} s cannot be solved. {Ending.STEP_UNSOLVED.value}",
+                time=start.t,
+                ending=Ending.STEP_UNSOLVED,
+            )
         for half in (start.t + 0.5 * h, end):
             for step in self.steps(start, half, last, halvings - 1):
                 yield step
@@ -93,41 +97,58 @@ class PlainRadau:
             start.t = half
 
     def step(self, start: State, h: float, last: Step | None) -> Step:
-        """The step of length h (s); the one before it, or None, predicts.
+        """The step of length h (s): prescribe, predict, then residual and correct, and accept.
+
+        The step before it, or None, predicts.
 
         Raises:
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
-        m, p = self.method, self.problem
-        t = start.t + h * m.c
-        path, seen = p.path_inside(t), seen_inside(t, m.c)
-        a, lam = np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
-        if last is not None:  # the polynomials of the last step go on
-            W = m.at(1.0 + h / last.h * m.c)
-            a, lam = W @ last.a, W @ last.lam
-        if p.prescribed:
-            a[:, p.motors] = path.acceleration
+        path, seen = self.prescribe(start, h)
+        a, lam = self.predict(start, h, path, last)
         turn, size, rate = np.zeros_like(a), np.inf, 0.0
         for _ in range(_ITERATIONS):
-            y, v, move, turn = self._placed(start, h, path, a, turn)
+            y, v, move, turn = self.place(start, h, path, a, turn)
             if self._lu is None or abs(h - self._h) > _SAME * h or rate > _SLOW:
                 self._factor(h, y, v, a, lam, seen)
-            r, c = self._residuals(y, v, a, lam, path, seen)
-            da, dlam = self._correction(r, c)
-            a, lam, change = a + da, lam + dlam, h * h * m.A2 @ da
+            da, dlam = self.correct(*self.residual(y, v, a, lam, path, seen))
+            a, lam, change = a + da, lam + dlam, h * h * self.method.A2 @ da
             self.iterations += 1
             before, size = size, float(np.abs(change).max(initial=0.0))
             rate = size / before
             reach = max(self._largest, float(np.abs(move + change).max(initial=0.0)))
             goal = _RELATIVE * reach + _ABSOLUTE
             if size <= goal or (rate > _STALLED and size <= _NOISE * goal):
-                break
+                self._largest = reach
+                return self.accept(start, h, path, seen, a, lam, turn)
             if not size <= 1e3 * max(reach, 1.0):
-                raise StepFailed
-        else:
-            raise StepFailed
-        self._largest = reach
-        y, v, move, turn = self._placed(start, h, path, a, turn)
+                break
+        raise StepFailed
+
+    def prescribe(self, start: State, h: float) -> tuple[MotorPath, Array]:
+        """Motion of the motors at the stages, and the times at which loads see them."""
+        t = start.t + h * self.method.c
+        return self.problem.path_inside(t), seen_inside(t, self.method.c)
+
+    def predict(
+        self, start: State, h: float, path: MotorPath, last: Step | None
+    ) -> tuple[Array, Array]:
+        """Accelerations and multipliers of the stages: the polynomials of the last step go on."""
+        m, p = self.method, self.problem
+        a, lam = np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
+        if last is not None:
+            W = m.at(1.0 + h / last.h * m.c)
+            a, lam = W @ last.a, W @ last.lam
+        if p.prescribed:
+            a[:, p.motors] = path.acceleration
+        return a, lam
+
+    def accept(
+        self, start: State, h: float, path: MotorPath, seen: Array, a: Array, lam: Array,
+        turn: Array,
+    ) -> Step:  # fmt: skip
+        """The step of stages that Newton has solved."""
+        y, v, move, turn = self.place(start, h, path, a, turn)
         torque = self._torque(y, v, a, lam, path, seen)
         return Step(start, h, move, turn, a, lam, torque, self._power(y, v, torque))
 
@@ -159,7 +180,7 @@ class PlainRadau:
             v[:, p.motors], a[:, p.motors] = path.velocity, path.acceleration
         return y, v, a, lam, torque, h * B1 @ step.power
 
-    def _placed(
+    def place(
         self, start: State, h: float, path: MotorPath, a: Array, turn: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Poses, velocities, moves and turns of the stages from their accelerations."""
@@ -176,13 +197,13 @@ class PlainRadau:
             p.axes.write(y, path.position)
         return y, v, move, turn
 
-    def _residuals(
+    def residual(
         self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
     ) -> tuple[Array, Array]:
         """Forces (s, nv) and closures (s, rows) that the stages leave."""
         r, c = self._d.residual(y, v, a, lam, seen, self.problem.control_force)
         if not self.problem.prescribed:
-            r[:, self.problem.motors] -= self.problem.pull(path, y, v, seen)
+            r[:, self.problem.motors] -= self.problem.pull(path, y, v, inside=True)
         return r, c
 
     def _factor(self, h: float, y: Array, v: Array, a: Array, lam: Array, seen: Array) -> None:
@@ -205,7 +226,7 @@ class PlainRadau:
             raise np.linalg.LinAlgError("singular iteration matrix")
         self._lu, self._h, self.tangents = tuple(lu), h, self.tangents + 1
 
-    def _correction(self, r: Array, c: Array) -> tuple[Array, Array]:
+    def correct(self, r: Array, c: Array) -> tuple[Array, Array]:
         """da (s, nv) and dlam (s, rows)."""
         free, da = self.problem.free, np.zeros_like(r)
         b = -np.concatenate([r[:, free].ravel(), c.ravel()])
@@ -217,8 +238,8 @@ class PlainRadau:
         self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
     ) -> Array:
         if not self.problem.prescribed:
-            return self.problem.pull(path, y, v, seen)
-        return self._residuals(y, v, a, lam, path, seen)[0][:, self.problem.motors]
+            return self.problem.pull(path, y, v, inside=True)
+        return self.residual(y, v, a, lam, path, seen)[0][:, self.problem.motors]
 
     def _power(self, y: Array, v: Array, torque: Array) -> Array:
         """Of the motors and of what a controller holds, and of the damping, W, shape (s, 2)."""
@@ -250,13 +271,13 @@ def integrate(
     begun = now.y, now.v, now.a, now.lam, now.torque, work
     found, count = [[x[None]] for x in begun], 1
 
-    def run(stopped: str = "") -> Run:
+    def run() -> Run:
         y, v, a, lam, torque, worked = (np.concatenate(column) for column in found)
         cost = {"steps": done, "newton": march.iterations, "tangents": march.tangents}
         dt = (now.t - float(t[0])) / max(done, 1)
-        settings = {"integrator": "radau", "stages": method.s, "dt": dt}
+        settings: Settings = {"integrator": "radau", "stages": method.s, "dt": dt}
         given = problem.dynamics.system, t[:count], y, v, a, lam, torque
-        return Run(*given, {k: float(x) for k, x in cost.items()}, settings, worked, (), stopped)
+        return Run(*given, {k: float(x) for k, x in cost.items()}, settings, worked)
 
     try:
         for end in ends.tolist():
@@ -275,11 +296,13 @@ def integrate(
                 progress(count, len(t))
     except (ConvergenceError, MotionError) as error:
         if isinstance(error, ConvergenceError):
-            error = ConvergenceError(f"{name}: t = {now.t:.6g} s: {error}", time=now.t)
-        error.result = run(str(error) if isinstance(error, MotionError) else "diverged")
+            error = ConvergenceError(
+                f"{name}: t = {now.t:.6g} s: {error}", time=now.t, ending=error.ending
+            )
+        error.result = run()
         raise error from None
     except KeyboardInterrupt:
         if count < 2:
             raise  # nothing but the start
-        raise RunInterrupted(run("interrupted")) from None
+        raise RunInterrupted(run()) from None
     return run()

@@ -34,7 +34,6 @@ typedef struct {
   Int stops, stop;                   /* ends that steps have to meet, and the next of them */
   Int follows;                       /* whether step `count` predicts the next one */
   Int stale, number, unjudged, given;
-  Int start_serial;                  /* of the tangent that is factored for starts, or 0 */
   Int most, measured, by_mass;
   Int iterations, refreshed, factored, rejected, unresolved;
   Int event, side, landing;          /* events.c: the law, the side it leaves on, attempts so far */

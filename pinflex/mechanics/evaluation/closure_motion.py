@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
+
+if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.mechanics.evaluation.equations import Equations
 
 _MOVE = 1e-7  # m or rad: of a difference
 

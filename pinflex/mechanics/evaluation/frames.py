@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array
 from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.evaluation.compiled import Kinematics
-from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.model.expanded import Attachment
 from pinflex.mechanics.poses import skew, support
 from pinflex.rotations import euler_rates, zyx_angles
+
+if TYPE_CHECKING:
+    from pinflex.arrays import Array
+    from pinflex.mechanics.evaluation.compiled import Kinematics
+    from pinflex.mechanics.evaluation.equations import Equations
+    from pinflex.mechanics.model.expanded import Attachment
 
 
 class Frame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,10 +28,12 @@ from pinflex.mechanics.model.expanded import (
     Interface,
     Slot,
 )
-from pinflex.mechanics.model.loads import AddedMasses, Loads
+from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Loads, Springs
 from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
 from pinflex.mechanics.model.strain import BODIES, strain_tables
-from pinflex.mechanics.model.system import DryFriction, Springs, System
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.model.system import System
 
 # Sleeves on beams as the flat tables of the compiled kernel.
 
@@ -148,11 +150,25 @@ _PREFIX = "JointModel"
 _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
 # another record, may be a term that the kernel lacks.
+SYSTEM = frozenset(
+    [
+        "rigid",
+        "expansion",
+        "closed",
+        "K",
+        "D",
+        "springs",
+        "motors",
+        "loads",
+        "held",
+        "friction",
+        "added",
+        "kinks",
+    ]
+)
 KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
     for record, names in (
-        (System, "rigid expansion closed K D springs motors loads held friction added "
-         "kinks"),
         (Springs, "v_at q_at paired stiffness rest"),
         (Loads, "forces springs"),
         (FrameForce, "name frame force moment follower start until ramp"),
@@ -194,18 +210,18 @@ def uncovered(system: System) -> str | None:
         name = joint.shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
             return f"joint of Pinocchio's kind {name}"
-    return _unknown(system, set())
+    return _unknown(system, KNOWN | {type(system): SYSTEM}, set())
 
 
-def _unknown(value: object, seen: set[int]) -> str | None:
-    """A record, or a field of one, that is not in `KNOWN`, of all that a value is made of."""
+def _unknown(value: object, known_of: Mapping[type, frozenset[str]], seen: set[int]) -> str | None:
+    """A record, or a field of one, that is not among the known, of all that a value is made of."""
     kind: type = type(value)
     if kind in _PLAIN or id(value) in seen:
         return None
     seen.add(id(value))
     parts: Iterable[object] = ()
     if is_dataclass(value):
-        names, known = _names(kind), KNOWN.get(kind)
+        names, known = _names(kind), known_of.get(kind)
         if known is None or not known.issuperset(names):
             new = sorted(set(names) - (known or set()))
             return f"{kind.__name__}.{new[0]}" if known is not None else kind.__name__
@@ -215,7 +231,7 @@ def _unknown(value: object, seen: set[int]) -> str | None:
     elif isinstance(value, tuple | list):
         parts = value
     for part in parts:
-        found = _unknown(part, seen)
+        found = _unknown(part, known_of, seen)
         if found is not None:
             return found
     return None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pinflex.bodies.basis import tips_over
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
+from pinflex.mechanics.evaluation.compiled import evaluated_by, serves
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
@@ -62,11 +63,6 @@ def require_workspace(where: str, system: System, limit: float) -> None:
 
     Without the compiled kernel Pinocchio does the work, on four tensors of its coordinates cubed.
     """
-    from pinflex.mechanics.evaluation.compiled import (  # late: systems are made of parts
-        evaluated_by,
-        serves,
-    )
-
     coordinates, whole = int(system.expansion.model.nv), not serves(system)
     size = 32.0 * float(coordinates) ** 3 if whole else 0.0
     size += _matrices(system.nv, coordinates)

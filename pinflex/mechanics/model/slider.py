@@ -35,14 +35,14 @@ from typing import TYPE_CHECKING
 
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
 from pinflex.bodies.track import Sections, Track, track
-from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.model.expanded import Attachment, Expansion, Slot
 from pinflex.text import brief
 
 if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.description.loops import Loop
+    from pinflex.mechanics.model.expanded import Attachment, Expansion, Slot
     from pinflex.mechanics.model.parts import FlexiblePart
 
 

@@ -5,14 +5,16 @@ Once in numpy, and once as tables for the compiled kernel (kernel/source/strain.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.section_at import Curvature
-from pinflex.mechanics.model.system import System
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.model.system import System
 
 # What bodies consist of: stations and K are in the model, its map and System.K, the rest is here.
 # A field beyond these may be a term that the kernel lacks (see `kernel_tables.uncovered`).

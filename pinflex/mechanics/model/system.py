@@ -10,121 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.drives import Friction
 from pinflex.kernel.tables import Spares, Tables
+from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.expanded import Expansion
-from pinflex.mechanics.model.loads import AddedMasses, Loads
+from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Loads, Springs
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.description.description import Description
     from pinflex.mechanics.closure import Closures
-
-
-# Dry friction of joints, smooth in their speed, on Pinocchio's rows.
-#
-#     F(v) = (F_c + E exp(-(v/v_s)^2)) tanh(v/v_0),     max F = F_b
-#
-# Present only where a scene has it; the viscous part is among the dampers. F v >= 0: it takes
-# energy.
-
-_NONE = np.zeros(0)
-_SPEEDS, _ROUNDS = 3001, 5  # a maximum is flat: three digits of its place are six of its height
-
-
-@dataclass(frozen=True)
-class DryFriction:
-    """Joints with dry friction.
-
-    Attributes:
-        rows: Velocity rows. coulomb: F_c [N m | N]. excess: E [N m | N].
-        stribeck, speed: v_s and v_0 [rad/s | m/s].
-    """
-
-    __repr__ = brief
-
-    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    coulomb: Array = field(default_factory=lambda: _NONE)
-    excess: Array = field(default_factory=lambda: _NONE)
-    stribeck: Array = field(default_factory=lambda: _NONE)
-    speed: Array = field(default_factory=lambda: _NONE)
-
-    @property
-    def present(self) -> bool:
-        """Whether any joint rubs."""
-        return len(self.rows) > 0
-
-    def force(self, v: Array) -> Array:
-        """Friction that the motion v (..., nv) has to overcome, in its rows (..., k) [N m | N]."""
-        w = v[..., self.rows]
-        level = self.coulomb + self.excess * np.exp(-np.square(w / self.stribeck))
-        return np.asarray(level * np.tanh(w / self.speed))
-
-    def slope(self, v: Array) -> Array:
-        """Derivative of `force` by the speeds of its rows, shape (k,)."""
-        w = v[self.rows]
-        fall, smooth = np.exp(-np.square(w / self.stribeck)), np.tanh(w / self.speed)
-        level = self.coulomb + self.excess * fall
-        bend = -2.0 * self.excess * fall * w / self.stribeck**2
-        return np.asarray(level * (1.0 - smooth**2) / self.speed + bend * smooth)
-
-    def power(self, v: Array) -> Array:
-        """Power that it takes (...), W, of speeds (..., nv)."""
-        return np.asarray(np.sum(self.force(v) * v[..., self.rows], axis=-1))
-
-
-def _excess(rubs: Friction) -> float:
-    """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""
-    wanted = rubs.breakaway - rubs.coulomb
-    if not wanted:
-        return 0.0
-    v = np.linspace(0.0, 3.0, _SPEEDS) * rubs.stribeck
-    smooth = np.tanh(v / rubs.speed)
-    falling, excess = np.exp(-np.square(v / rubs.stribeck)) * smooth, wanted
-    for _ in range(_ROUNDS):
-        at = int(np.argmax(rubs.coulomb * smooth + excess * falling))
-        excess = (rubs.breakaway - rubs.coulomb * smooth[at]) / falling[at]
-    return float(excess)
-
-
-def joint_friction(description: Description, model: pin.Model) -> DryFriction:
-    """Dry friction of the joints of a description."""
-    found = []
-    for name, extra in description.joints.items():
-        rubs = extra.friction
-        if rubs is not None and rubs.dry and model.existJointName(name):
-            row = int(model.joints[model.getJointId(name)].idx_v)
-            found.append((row, rubs.coulomb, _excess(rubs), rubs.stribeck, rubs.speed))
-    if not found:
-        return DryFriction()
-    rows, *numbers = zip(*found, strict=True)
-    return DryFriction(np.array(rows, dtype=np.intp), *(np.array(x, float) for x in numbers))
-
-
-@dataclass(frozen=True)
-class Springs:
-    """Springs on single-axis joints: torque -k (q - rest).
-
-    Attributes:
-        v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
-        paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
-    """
-
-    __repr__ = brief
-
-    v_at: IntArray
-    q_at: IntArray
-    paired: IntArray
-    stiffness: Array
-    rest: Array
-
-    def angles(self, y: Array) -> Array:
-        """Positions (rad | m) of the joints with springs at y (..., nq), shape (..., springs)."""
-        angle = np.array(y[..., self.q_at])
-        for k in np.flatnonzero(self.paired):
-            angle[..., k] = np.arctan2(y[..., self.q_at[k] + 1], y[..., self.q_at[k]])
-        return angle
 
 
 @dataclass(frozen=True)
@@ -233,9 +127,7 @@ class System:
     @cached_property
     def uncovered(self) -> str | None:
         """What of the system the compiled kernel does not cover; None: it covers the system."""
-        from pinflex.mechanics.evaluation.kernel_tables import uncovered
-
-        return uncovered(self)
+        return kernel_tables.uncovered(self)
 
     @cached_property
     def looked_at(self) -> tuple[int, ...]:
@@ -250,23 +142,17 @@ class System:
     @cached_property
     def tables(self) -> Tables:
         """Tables of a covered system for the compiled kernel."""
-        from pinflex.mechanics.evaluation.kernel_tables import tables
-
-        return tables(self)
+        return kernel_tables.tables(self)
 
     @cached_property
     def sorted_joints(self) -> tuple[list[int], list[int], list[int]]:
         """Joints that are nodes of the kernel's tree, mass points at its leaves, and twists."""
-        from pinflex.mechanics.evaluation.kernel_tables import sorted_joints
-
-        return sorted_joints(self)
+        return kernel_tables.sorted_joints(self)
 
     @cached_property
     def node_of_joints(self) -> IntArray:
         """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
-        from pinflex.mechanics.evaluation.kernel_tables import node_of_joints
-
-        return node_of_joints(self)
+        return kernel_tables.node_of_joints(self)
 
     @cached_property
     def spares(self) -> Spares:

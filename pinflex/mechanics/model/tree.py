@@ -18,7 +18,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
-from pinflex.mechanics.model.system import Springs
+from pinflex.mechanics.model.loads import Springs
 from pinflex.text import brief
 
 if TYPE_CHECKING:

@@ -8,15 +8,18 @@ a wrench on B. The rows are those of `pinflex.mechanics.closure`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.poses import skew
 from pinflex.mechanics.reference import sleeves
 from pinflex.mechanics.reference.curve import PAST
 from pinflex.mechanics.reference.jets import Jet, dot
+
+if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.mechanics.closure import Closures
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,14 @@ X is the identity on the rigid rows and Phi + G eta on the rows of each flexible
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
-from pinflex.mechanics.model.system import System
+if TYPE_CHECKING:
+    from pinflex.arrays import Array, IntArray
+    from pinflex.mechanics.model.system import System
 
 
 @dataclass(frozen=True, eq=False)

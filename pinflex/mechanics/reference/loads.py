@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array
-from pinflex.description.blocks.external import FrameForce
 from pinflex.mechanics.kinks import Kinks, Pull
-from pinflex.mechanics.model.expanded import Attachment
-from pinflex.mechanics.model.loads import Loads
 from pinflex.mechanics.poses import support
+
+if TYPE_CHECKING:
+    from pinflex.arrays import Array
+    from pinflex.description.blocks.external import FrameForce
+    from pinflex.mechanics.model.expanded import Attachment
+    from pinflex.mechanics.model.loads import Loads
 
 
 class LoadState:

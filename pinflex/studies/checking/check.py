@@ -14,8 +14,7 @@ from pinflex.cards import Worded
 from pinflex.description.blocks.drives import Friction
 from pinflex.description.reading.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
-from pinflex.levels.excited import default_motion
-from pinflex.levels.modes import Modes, base_state, first_modes, modes, rigid_body
+from pinflex.levels.modes import Modes, base_state, default_motion, first_modes, modes, rigid_body
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model

@@ -8,7 +8,7 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.description.description import Description
 from pinflex.description.files import Source
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.levels.excited import default_motion
+from pinflex.levels.modes import default_motion
 from pinflex.levels.rigid import sharing
 from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations

@@ -80,11 +80,11 @@ def fine() -> Run:
 def test_the_correction_is_the_error_of_the_run(fine: Run) -> None:
     given = scene()
     kept, run = march(given, 1e-2)
-    better = kept.corrected.run({}, {}, "")
+    better = kept.corrected.run({}, {})
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     told, true = compare.differences(run, better), compare.differences(run, fine)
     left = compare.differences(better, fine)
-    again = compare.differences(better, kept.twice.run({}, {}, ""))
+    again = compare.differences(better, kept.twice.run({}, {}))
     for key in ASKED:
         assert told[key] == pytest.approx(true[key], rel=0.2)  # measured: 1.00 and 0.98
         assert left[key] < 0.5 * true[key]  # the corrected samples are five times as good

@@ -8,12 +8,11 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import PinflexError
-from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev
+from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev, varying
 from pinflex.integrators.collocation import generalized_alpha, newmark
 from pinflex.kernel.library import kernel
 from pinflex.kernel.linear import ConstantPart, LinearKernel, linear_systems
 from pinflex.levels import linear_march
-from pinflex.levels.excited import varying
 from pinflex.levels.linear_march import LinearMarch, Workspace
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold

@@ -16,7 +16,8 @@ import pytest
 from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
 from pinflex.mechanics.evaluation.compiled import Compiled
-from pinflex.mechanics.model.system import DryFriction, System
+from pinflex.mechanics.model.loads import DryFriction
+from pinflex.mechanics.model.system import System
 from tests.every_model import NAMES, at_home, manifold, mechanism
 from tests.scenes import Body, load
 from tests.unit.kernel.test_kernel import FOLLOWER, LOADS, states

@@ -18,8 +18,8 @@ from pinflex.arrays import Array
 from pinflex.kernel.library import kernel
 from pinflex.mechanics.evaluation.compiled import Compiled, on_kernel
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.model.loads import AddedMasses, Loads
-from pinflex.mechanics.model.system import DryFriction, System
+from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Loads
+from pinflex.mechanics.model.system import System
 from tests.every_model import NAMES, at_home, manifold, mechanism
 from tests.scenes import Body, load
 from tests.unit.kernel.test_kernel import bare as of_model

@@ -7,8 +7,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation.nominal import nominal
+from pinflex.integrators.chebyshev import varying
 from pinflex.integrators.collocation import generalized_alpha
-from pinflex.levels.excited import varying
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.linear_march import LinearMarch
 from pinflex.levels.linearised import InterpolatedPath, LinearPath, Matrices, VaryingEntries, along

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.levels.excited import default_motion
+from pinflex.levels.modes import default_motion
 from pinflex.mechanics.evaluation.equations import share
 
 

@@ -76,25 +76,3 @@ def test_rates_of_a_rotation_vector_are_those_of_pinocchio(tmp_path: Path, angle
     # Pinocchio's own series loses digits at small angles.
     np.testing.assert_allclose(turn[:, :n], expected, atol=1e-12)
     assert not turn[:, n:].any()
-
-
-@pytest.mark.parametrize("told", ["crank_joint", "arm_joint"])
-def test_coordinates_that_the_caller_writes_are_left_alone(tmp_path: Path, told: str) -> None:
-    """Of a circle, and of a plain joint."""
-    bodies = (
-        Body("crank", "base", "continuous", mass=1, inertia=(1, 1, 1)),
-        Body("arm", "crank", "revolute", xyz=(0, 0, 1)),
-        Body("tip", "arm", xyz=(1, 0, 0)),
-    )
-    m = load(tmp_path, bodies, f"actuated: []\n{_BENDS}")
-    d, moves = Equations(m.flexible), np.full((3, m.flexible.nv), 0.2)
-    joint = m.flexible.rigid.joints[m.flexible.rigid.getJointId(told)]
-    manifold = Manifold(d, [joint.idx_v])
-    assert manifold.sparing
-    found = manifold.retract(m.undeformed(), moves, np.full((3, m.flexible.nq), 7.0))
-    every = Manifold(d).retract(m.undeformed(), moves)
-    of_joint = slice(joint.idx_q, joint.idx_q + joint.nq)
-    every[:, of_joint] = 7.0
-    np.testing.assert_array_equal(found, every)
-    none = manifold.log(m.undeformed()[None], every[:1])[0, joint.idx_v]
-    assert none == 0.0

@@ -9,7 +9,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.motions.motion import from_spec
-from pinflex.levels.excited import ringing
+from pinflex.levels.modes import ringing
 from pinflex.studies.checking.check import check, write
 from tests.scenes import UNIT_BEAM, Body, load
 
