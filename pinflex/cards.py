@@ -49,19 +49,3 @@ def words(text: str) -> str:
 def _cut(value: object) -> str:
     text = str(value)
     return escape(text if len(text) <= _CELL else f"{text[: _CELL - 3]}...")
-
-
-class Worded:
-    """What says itself in a text: print(it) shows that, and a notebook a card of it."""
-
-    def text(self) -> str:
-        """The whole of it as aligned plain text."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        return self.text()
-
-    def _repr_html_(self) -> str:
-        name = getattr(self, "name", "")
-        kind = type(self).__name__.lower()
-        return card(f"{name}: {kind}" if name else kind, words(str(self)))

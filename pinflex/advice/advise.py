@@ -83,7 +83,7 @@ def advise(
         band: Error of the platform that does no harm [m], as of `compare`.
         asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or what
             `compare` judges by: torque and platform.
-        until: End in s; default: the YAML's, or the motion's duration.
+        until: End [s]; default: the YAML's, or the motion's duration.
         fixed: Take the flexible links as they are: propose level and tolerance only.
         progress: True: a bar; or a function called with (step, steps) between the looks.
     Returns:

@@ -250,15 +250,16 @@ def command(
             default: the motion of the YAML.
         level: "rigid": inverse kinematics. "quasistatic": an asymptotic series, for motions slower
             than the vibrations. "exact": stable inversion, for any motion that is smooth.
-        tol: Error of the platform as a share of what the rigid command misses; the grid is refined
-            until the estimate is below it, but for `Command.cut_off`. Default: one grid.
+        tol: Platform error wanted, as a share of what the rigid command misses (level exact). The
+            grid is refined until the estimate is below it, but for `Command.cut_off`. Default: one
+            grid.
         coordinates: Platform coordinates that follow, among x y z rz ry rx; default: those of the
             motion, or as many independent ones as there are motors. Fewer than motors: what moves
             none of them stays on the rigid motion, and the links swing freely there.
-        before, after: Rest ahead of the motion and after it, s; default: from the internal
+        before, after: Rest ahead of the motion and after it [s]; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
-        instants: Number of grid points; default: 150 over the motion, of level exact more where
-            fast modes ring after it (`pinflex.inversion.on_grid`).
+        instants: Number of grid points; default: 150 over the motion. Of level exact there are
+            more where fast modes ring after it (`pinflex.inversion.on_grid`).
         limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
             limit curve of a drive.
     Returns:

@@ -10,8 +10,9 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.doors import door
+from pinflex.report import Table, table
 from pinflex.results.views import View, peak, rms
-from pinflex.text import brief, number, table
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -172,21 +173,15 @@ def row_of(label: str, joint: str, values: Mapping[str, Array], curve: Array) ->
     )
 
 
-def drive_table(rows: Sequence[DriveRow]) -> str:
-    """The rows as text, motor side and joint side."""
-    known = any(r.use is not None for r in rows)
-    cells = []
-    for k, r in enumerate(rows):
-        name = "" if k and rows[k - 1].joint == r.joint else r.joint
-        values = (r.motor_torque, r.motor_rms, r.motor_speed, r.motor_power, r.torque, r.rms,
-                  r.speed)  # fmt: skip
-        cells.append([name, r.level, *map(number, values), *([_use(r.use)] if known else [])])
+def drive_table(rows: Sequence[DriveRow]) -> Table:
+    """The rows, motor side and joint side."""
+    limited = [("of limit", "use", _use)] if any(r.use is not None for r in rows) else []
     return table(
         "Drives: torque [N m], rms, speed [rad/s], power [W] of the motor; the same at the joint",
-        f"joint|level|motor|rms|speed|power|joint|rms|speed{'|of limit' if known else ''}",
-        cells,
-        (20, 12),
-    )
+        rows, "joint", "level", ("motor", "motor_torque"), ("rms", "motor_rms"),
+        ("speed", "motor_speed"), ("power", "motor_power"), ("joint", "torque"), "rms", "speed",
+        *limited, names=(20, 12), once=True,
+    )  # fmt: skip
 
 
 def _use(x: float | None) -> str:

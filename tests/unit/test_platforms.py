@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from pinflex.__main__ import build_parser
-from pinflex.cli import checkpoint, completion
+from pinflex.cli import checkpoint, files
 from pinflex.errors import DescriptionError
 from pinflex.writing import lock
 
@@ -135,14 +135,14 @@ def test_bash_completes_commands_options_models_and_files(
 ) -> None:
     pytest.importorskip("shtab")
     script = tmp_path / "pinflex.bash"
-    script.write_text(completion.script(build_parser(), "bash"))
+    script.write_text(files.script(build_parser(), "bash"))
     monkeypatch.chdir(tmp_path)
     Path("own_robot.yaml").touch()
     assert {"command", "compare", "completion"} <= {*answers(script, "pinflex", "com")}
     assert "--until" in answers(script, "pinflex", "solve", "--u")
     assert {"3rrr", "3rrs"} <= {*answers(script, "pinflex", "solve", "3rr")}
     assert "own_robot.yaml" in answers(script, "pinflex", "solve", "own")
-    assert "_pinflex_models" in completion.script(build_parser(), "zsh")
+    assert "_pinflex_models" in files.script(build_parser(), "zsh")
 
 
 def test_without_its_package_completion_says_what_to_install(
@@ -150,4 +150,4 @@ def test_without_its_package_completion_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(DescriptionError, match=r"pip install \"pinflex\[completion\]\""):
-        completion.script(build_parser(), "bash")
+        files.script(build_parser(), "bash")
