@@ -63,9 +63,9 @@ def _solve(args: argparse.Namespace, mechanism: Mechanism, options: dict[str, An
         options["samples"] = _samples(args.rate, options.get("until"), mechanism)
     if args.checkpoint is None:
         return pf.solve(mechanism, **options)
-    from pinflex.cli.checkpoint import saved_meanwhile
+    from pinflex.cli.checkpoint import with_checkpoints
 
-    return saved_meanwhile(mechanism, args.output, args.checkpoint, options)
+    return with_checkpoints(mechanism, args.output, args.checkpoint, options)
 
 
 def _samples(rate: float, until: float | None, mechanism: Mechanism) -> int:

@@ -64,7 +64,7 @@ class Columns:
         return list(self.arrays)
 
     def _repr_html_(self) -> str:
-        cells = [[_shown(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
+        cells = [[_five_digits(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
         return card(f"table of {len(self)} rows", grid([*self._headed()], cells))
 
     def _headed(self) -> dict[str, np.ndarray]:
@@ -110,7 +110,7 @@ def column(values: Sequence[Any]) -> Column:
     return array
 
 
-def _shown(value: Any) -> str:
+def _five_digits(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 

@@ -168,7 +168,7 @@ def _of_mesh(parts: list[str], shape: tuple[int, ...]) -> tuple[str, ...]:
 # How a result is shown: figures, tables of other libraries, the card of a notebook.
 
 
-class Shown:
+class Display:
     """What a Result offers to look at it."""
 
     def to_pandas(self) -> Any:

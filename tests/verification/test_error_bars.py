@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.advice.error_bars import outputs_apart
+from pinflex.advice.error_bars import output_differences
 from pinflex.results.error_bars import NOT_MEASURED
 
 RODS = """<robot name="two">
@@ -199,7 +199,7 @@ def test_every_motion_has_a_bar(
     run = pf.solve(pf.load(tmp_path / "arm.yaml", [*plane, *changes]), **keys)
     more = [f"flexible.{x}" for x in richer] or [*RICH, "flexible.*.segments=4"]
     true = pf.solve(pf.load(tmp_path / "arm.yaml", [*plane, *changes, *more]), **keys)
-    apart = outputs_apart(run, true)
+    apart = output_differences(run, true)
     told = run.errors.model
     for key in ("deflection", "stress"):
         assert 0.5 * apart[key] < told[key] < 10 * apart[key]
@@ -214,7 +214,7 @@ def test_alike_links_do_not_hide_the_third_mode() -> None:
     full = ("axial", "torsion", "bending_z", "second_order", "shear", "rotary_inertia")
     richer = ["flexible.*.segments=2", *(f"flexible.*.{key}=true" for key in full)]
     exact, true = (pf.solve(pf.load("3rrr", x), tol=1e-5, **keys) for x in ([], richer))
-    apart = outputs_apart(exact, true)
+    apart = output_differences(exact, true)
     told = pf.solve(pf.load("3rrr"), tol=1e-3, **keys).errors.model
     ratios = {key: told[key] / apart[key] for key in told}  # measured: 1.4 to 2.1
     assert all(1.0 < ratio < 4.0 for ratio in ratios.values()), ratios
