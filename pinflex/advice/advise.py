@@ -497,6 +497,7 @@ class _Study:
         if probe.steps_a_period < RESOLVED:
             said.append(
                 f"the third mode, {probe.third:.3g} Hz, was seen with "
-                f"{probe.steps_a_period:.1f} steps a period: a long run for so fast a mode; ask about a part of it (until)"
+                f"{probe.steps_a_period:.1f} steps a period: a long run for so fast a mode; ask "
+                "about a part of it (until)"
             )
         return said
