@@ -1,4 +1,9 @@
-"""Commands answer on one screen: the table, a sentence, and no sign that means nothing."""
+"""Commands answer on one screen: the table, a sentence, and no sign that means nothing.
+
+Claims:
+    Equations
+    - map, sweep, bench, advise on one screen; no inf, nan, ? | - | 45 lines | 24
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The packages of pinflex stand in one line, and imports go one way along it."""
+"""The packages of pinflex stand in one line, and imports go one way along it.
+
+Claims:
+    Layout
+    - packages import only those above them in the table of `pinflex/__init__.py`, late imports too
+      | the code's own imports | exact | passes
+"""
 
 from __future__ import annotations
 

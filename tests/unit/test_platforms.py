@@ -1,4 +1,13 @@
-"""Other systems and smaller installations: locks, alarms and imports without what may be absent."""
+"""Other systems and smaller installations: locks, alarms and imports without what may be absent.
+
+Claims:
+    Documentation, other systems
+    - every public name loads, 3rrr is solved, without fcntl, resource, matplotlib, pillow, meshcat
+      | a process that cannot import them | runs | runs
+    - files are locked, alarms ring, as Windows has them | a stand-in of msvcrt; no alarm signal |
+      as on Linux | as on Linux; never run on Windows
+    - bash completes commands, options, models and files | bash itself | offered | offered
+"""
 
 from __future__ import annotations
 

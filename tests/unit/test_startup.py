@@ -1,4 +1,10 @@
-"""What a process pays before and beside a run: libraries are loaded where they are used."""
+"""What a process pays before and beside a run: libraries are loaded where they are used.
+
+Claims:
+    Pages, pictures, figures
+    - a solve at any level, all of its arrays, and a check load neither `scipy.linalg` nor
+      matplotlib; the parser of one command reads as that of all | exact | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Which points of a benchmark are worth taking, and what is said about them."""
+"""Which points of a benchmark are worth taking, and what is said about them.
+
+Claims:
+    Work and precision
+    - the Pareto set, the advice, a case that fails | by hand | exact | exact
+"""
 
 from __future__ import annotations
 
