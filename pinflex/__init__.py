@@ -33,7 +33,7 @@ Where the code is; each package imports only those above it:
     lab           published cases that `pinflex verify` measures
     cli           the commands: what each says of itself, its options, and what it does
 
-Beside them stand arrays, boundary, cards, doors, errors, linalg, names, progress, registered,
+Beside them stand arrays, boundary, doors, errors, linalg, names, progress, registered,
 report, rotations, text, threads and writing, which import none of these; `doors` calls by name
 what a package further down does, such as the figure of a result. Names are imported when first
 used, so that a page from a saved run needs no Pinocchio.

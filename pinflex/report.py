@@ -8,13 +8,13 @@ people read, and the text is scaled to it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from typing import Any
 
-from pinflex import cards, text
+from pinflex import text
 from pinflex.doors import library
 from pinflex.text import paragraph
 
@@ -23,6 +23,10 @@ _SCALED = {
     "mm": ("m", 1e3), "um": ("m", 1e6), "mrad": ("rad", 1e3), "urad": ("rad", 1e6),
     "MPa": ("Pa", 1e-6), "us": ("s", 1e6), "%": ("", 100.0),
 }  # fmt: skip
+
+_ROWS, _CELL, _TEXT = 12, 120, 6000  # of a table, characters of a cell, of a text
+_BOX = "border:1px solid #8884;border-radius:6px;padding:.5em .9em;display:inline-block"
+_LEFT, _RIGHT = "text-align:left;padding:.1em .8em", "text-align:right;padding:.1em .8em"
 
 Value = str | Callable[[Any], Any]  # a key or attribute of a record, or a function of it
 Show = Callable[[Any], str]
@@ -107,7 +111,7 @@ class Table:
         if not self.records:
             return ""
         heads = [column.head for column in self.columns]
-        return f"<div>{escape(self.title)}</div>{cards.grid(heads, self.rows())}"
+        return f"<div>{escape(self.title)}</div>{grid(heads, self.rows())}"
 
     def plain(self) -> dict[str, Any]:
         """For machines: title, unit of each column, and the records in SI units."""
@@ -165,7 +169,7 @@ def lines(*texts: str, indent: str = "", first: str | None = None) -> Lines:
     return Lines(tuple(filter(None, texts)), indent, indent if first is None else first)
 
 
-def pairs(rows: Mapping[str, str], width: int) -> Lines:
+def listing(rows: Mapping[str, str], width: int) -> Lines:
     """Names of `width` characters and the text of each; those without are left out."""
     texts = tuple(f"{name:<{width}}{words}" for name, words in rows.items() if words)
     return Lines(texts, " " * (width + 2), "  ")
@@ -181,15 +185,15 @@ def bullets(texts: Sequence[str], title: str = "") -> Block:
 class Words:
     """Text that is laid out already."""
 
-    words: str
+    laid_out: str
 
     def text(self) -> str:
         """As it is."""
-        return self.words
+        return self.laid_out
 
     def html(self) -> str:
         """As it is."""
-        return cards.words(self.words)
+        return words(self.laid_out)
 
 
 Block = str | Table | Lines | Words | Sequence["Block"]  # str: a paragraph; a sequence: no gaps
@@ -213,7 +217,7 @@ class Report:
 
     def html(self) -> str:
         """A card for a notebook."""
-        return cards.card(self.title, *map(_html, self.blocks))
+        return card(self.title, *map(_html, self.blocks))
 
     def tables(self) -> dict[str, Table]:
         """Its tables by title, without those that have no records."""
@@ -262,3 +266,47 @@ class Reported:
 
     def _repr_html_(self) -> str:
         return self.as_report().html()
+
+
+# HTML of a notebook's cards; every text is escaped ------------------------------------------
+
+
+def card(title: str, *parts: str) -> str:
+    """A heading and parts below it, each from `pairs`, `grid` or `words`."""
+    return f'<div style="{_BOX}"><b>{_cut(title)}</b>{"".join(parts)}</div>'
+
+
+def pairs(rows: Iterable[tuple[str, object]]) -> str:
+    """Names and values, side by side."""
+    body = "".join(
+        f'<tr><td style="{_LEFT}">{_cut(name)}</td><td style="{_LEFT}">{_cut(value)}</td></tr>'
+        for name, value in list(rows)[: 2 * _ROWS]
+    )
+    return f"<table>{body}</table>"
+
+
+def grid(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table with its first rows."""
+    top = "".join(f'<th style="{_RIGHT}">{_cut(x)}</th>' for x in heads[:_ROWS])
+    body = "".join(
+        "<tr>" + "".join(f'<td style="{_RIGHT}">{_cut(x)}</td>' for x in row[:_ROWS]) + "</tr>"
+        for row in rows[:_ROWS]
+    )
+    left = [
+        f"{len(all_) - _ROWS} more {what}"
+        for all_, what in ((rows, "rows"), (heads, "columns"))
+        if len(all_) > _ROWS
+    ]
+    more = f"<div>and {', '.join(left)}</div>" if left else ""
+    return f"<table><tr>{top}</tr>{body}</table>{more}"
+
+
+def words(text: str) -> str:
+    """Aligned plain text as it is, cut where it is long."""
+    cut = text if len(text) <= _TEXT else f"{text[:_TEXT].rpartition(chr(10))[0]}\n..."
+    return f'<pre style="margin:.3em 0">{escape(cut)}</pre>'
+
+
+def _cut(value: object) -> str:
+    text = str(value)
+    return escape(text if len(text) <= _CELL else f"{text[: _CELL - 3]}...")

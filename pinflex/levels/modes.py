@@ -14,7 +14,6 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
-from pinflex.cards import card, grid
 from pinflex.description.motions.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, SingularityError
@@ -23,6 +22,7 @@ from pinflex.levels.quasistatic import acts_without_potential, coupled, rest
 from pinflex.linalg import eigh, lapack, null_space
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.report import card, grid
 from pinflex.text import brief, table
 from pinflex.threads import one_blas_thread
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.cards import card, grid
 from pinflex.doors import library
 from pinflex.errors import DescriptionError, nearest
+from pinflex.report import card, grid
 from pinflex.text import brief
 from pinflex.writing import replaced, write_csv
 

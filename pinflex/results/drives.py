@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from pinflex.results.result import Result
 
 
-_PEAKS = (
-    *("motor_torque", "motor_speed", "motor_power"),
-    *("torque", "speed", "power", "deflection"),
-)
+_SHOWN = ("motor_torque", "motor_speed", "motor_power", "torque", "speed", "power")
+_PEAKS = (*_SHOWN, "deflection")
 _BEYOND = 1e9  # of a limit: a motor faster than its curve goes
 
 
@@ -37,10 +35,7 @@ class DriveView(View):
 
     __repr__ = brief
     kind = "drive"
-    shows = (
-        ("motor_torque", "N m"), ("motor_speed", "rad/s"), ("motor_power", "W"),
-        ("torque", "N m | N"), ("speed", "rad/s | m/s"), ("power", "W"),
-    )  # fmt: skip
+    arrays: ClassVar[Mapping[str, str]] = {key: f"drive/NAME/{key}" for key in _SHOWN}
 
     def plot(self, ax: Axes | None = None) -> Any:
         """Draw motor torque over motor speed, with the limit curve; returns the axes.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, cast
 
 from pinflex.arrays import Array
-from pinflex.cards import card, pairs
 from pinflex.doors import door, library
+from pinflex.report import card, pairs
 from pinflex.results import quantities
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.rotations import rotation_vector

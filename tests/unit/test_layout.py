@@ -21,7 +21,7 @@ import pinflex as pf
 ROOT = Path(pf.__file__).parent
 TABLE = re.findall(r"^    (\w+)  +\w", (pf.__doc__ or "").split("Where the code is")[1], re.M)
 BESIDE = (
-    *("arrays", "boundary", "cards", "doors", "errors", "linalg", "names", "progress"),
+    *("arrays", "boundary", "doors", "errors", "linalg", "names", "progress"),
     *("registered", "report", "rotations", "text", "threads", "writing"),
 )
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-from pinflex.report import Report, bullets, lines, pairs, table
+from pinflex.report import Report, bullets, lines, listing, table
 
 SAG = table(
     "Sag <of> two links",
@@ -50,4 +50,4 @@ def test_what_is_empty_leaves_no_gap() -> None:
 
     empty = table("None", list[Row](), "name")
     assert Report("", (empty, "x", bullets([], "Notes"), [empty, ""])).text() == "x\n"
-    assert pairs({"base": "world", "load": ""}, 6).text() == "  base  world"
+    assert listing({"base": "world", "load": ""}, 6).text() == "  base  world"

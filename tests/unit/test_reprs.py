@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.cards import card, grid, pairs, words
 from pinflex.quickest.limits import Limits
+from pinflex.report import card, grid, pairs, words
 from pinflex.results.columns import Columns
 
 MOVE = pf.quintic(platform={"x": 0.02, "y": 0.0, "rz": 0.0}, duration=0.1)

@@ -12,13 +12,13 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.cards import card, grid
 from pinflex.description.motions import laws
 from pinflex.description.motions import motion_keys as keys
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.reading.schema import shown
 from pinflex.doors import door
 from pinflex.errors import nearest
+from pinflex.report import card, grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,7 +20,8 @@ from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
-from pinflex.report import Block, Report, Reported, Words, bullets, lines, pairs, table
+from pinflex.report import Block, Report, Reported, Words, bullets, lines, listing, table
+from pinflex.results.quantities import joint_unit
 from pinflex.studies.checking import doubts
 from pinflex.studies.checking.parts import (
     DriveCheck,
@@ -256,7 +257,7 @@ def _unloaded(mechanism: Mechanism, count: int, loaded: tuple[float, ...]) -> tu
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
     slides = sliding(mechanism.rigid.rigid)
-    return tuple("N" if name in slides else "N m" for name in mechanism.motors)
+    return tuple(joint_unit("torque", name in slides) for name in mechanism.motors)
 
 
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
@@ -290,7 +291,7 @@ _NOTHING = 1e-12  # a share that is round-off
 def _head(c: Check) -> Block:
     """The model in a few rows, those with nothing to say left out."""
     motors = ", ".join(c.motors)
-    return c.name, pairs({
+    return c.name, listing({
         "URDF": f"{c.urdf}, base {c.base}",
         "gravity": "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2",
         "mobility": _mobility(c),
