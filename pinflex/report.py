@@ -8,7 +8,7 @@ people read, and the text is scaled to it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -26,6 +26,7 @@ _SCALED = {
 
 _ROWS, _CELL, _TEXT = 12, 120, 6000  # of a table, characters of a cell, of a text
 _BOX = "border:1px solid #8884;border-radius:6px;padding:.5em .9em;display:inline-block"
+_ABOVE = "margin-top:.6em"
 _LEFT, _RIGHT = "text-align:left;padding:.1em .8em", "text-align:right;padding:.1em .8em"
 
 Value = str | Callable[[Any], Any]  # a key or attribute of a record, or a function of it
@@ -111,7 +112,9 @@ class Table:
         if not self.records:
             return ""
         heads = [column.head for column in self.columns]
-        return f"<div>{escape(self.title)}</div>{grid(heads, self.rows())}"
+        left = {*range(len(self.names)), *([len(heads) - 1] if self.prose else [])}
+        title = f'<div style="{_ABOVE}">{escape(self.title)}</div>'
+        return f"{title}{grid(heads, self.rows(), left)}"
 
     def plain(self) -> dict[str, Any]:
         """For machines: title, unit of each column, and the records in SI units."""
@@ -161,7 +164,8 @@ class Lines:
 
     def html(self) -> str:
         """The same as blocks of HTML."""
-        return "".join(f"<div>{escape(each)}</div>" for each in self.texts)
+        before = f"{self.first.strip()} " if self.first.strip() else ""
+        return "".join(f"<div>{escape(before + each)}</div>" for each in self.texts)
 
 
 def lines(*texts: str, indent: str = "", first: str | None = None) -> Lines:
@@ -169,10 +173,21 @@ def lines(*texts: str, indent: str = "", first: str | None = None) -> Lines:
     return Lines(tuple(filter(None, texts)), indent, indent if first is None else first)
 
 
-def listing(rows: Mapping[str, str], width: int) -> Lines:
-    """Names of `width` characters and the text of each; those without are left out."""
-    texts = tuple(f"{name:<{width}}{words}" for name, words in rows.items() if words)
-    return Lines(texts, " " * (width + 2), "  ")
+@dataclass(frozen=True)
+class Listing:
+    """Names, of `width` characters, and the text of each; those without are left out."""
+
+    rows: Mapping[str, str]
+    width: int
+
+    def text(self) -> str:
+        """A paragraph each."""
+        texts = tuple(f"{name:<{self.width}}{words}" for name, words in self.rows.items() if words)
+        return Lines(texts, " " * (self.width + 2), "  ").text()
+
+    def html(self) -> str:
+        """A table of both."""
+        return pairs((name, words) for name, words in self.rows.items() if words)
 
 
 def bullets(texts: Sequence[str], title: str = "") -> Block:
@@ -196,7 +211,9 @@ class Words:
         return words(self.laid_out)
 
 
-Block = str | Table | Lines | Words | Sequence["Block"]  # str: a paragraph; a sequence: no gaps
+Block = (
+    str | Table | Lines | Listing | Words | Sequence["Block"]
+)  # str: a paragraph; a sequence: no gaps
 
 
 @dataclass(frozen=True)
@@ -217,7 +234,8 @@ class Report:
 
     def html(self) -> str:
         """A card for a notebook."""
-        return card(self.title, *map(_html, self.blocks))
+        parts = filter(None, map(_html, self.blocks))
+        return card(self.title, *(f'<div style="{_ABOVE}">{part}</div>' for part in parts))
 
     def tables(self) -> dict[str, Table]:
         """Its tables by title, without those that have no records."""
@@ -238,7 +256,7 @@ def _text(block: Block) -> str:
 
 def _html(block: Block) -> str:
     if isinstance(block, str):
-        return f"<p>{escape(block)}</p>" if block else ""
+        return f"<div>{escape(block)}</div>" if block else ""
     return "".join(map(_html, block)) if isinstance(block, Sequence) else block.html()
 
 
@@ -285,13 +303,16 @@ def pairs(rows: Iterable[tuple[str, object]]) -> str:
     return f"<table>{body}</table>"
 
 
-def grid(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table with its first rows."""
-    top = "".join(f'<th style="{_RIGHT}">{_cut(x)}</th>' for x in heads[:_ROWS])
-    body = "".join(
-        "<tr>" + "".join(f'<td style="{_RIGHT}">{_cut(x)}</td>' for x in row[:_ROWS]) + "</tr>"
-        for row in rows[:_ROWS]
-    )
+def grid(heads: Sequence[str], rows: Sequence[Sequence[object]], left: Container[int] = ()) -> str:
+    """A table with its first rows; numbers of the columns of text in `left`."""
+    sides = [_LEFT if k in left else _RIGHT for k in range(len(heads))][:_ROWS]
+
+    def line(tag: str, cells: Sequence[object]) -> str:
+        pairs = zip(sides, cells, strict=False)
+        return "".join(f'<{tag} style="{side}">{_cut(x)}</{tag}>' for side, x in pairs)
+
+    top = line("th", heads)
+    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows[:_ROWS])
     left = [
         f"{len(all_) - _ROWS} more {what}"
         for all_, what in ((rows, "rows"), (heads, "columns"))

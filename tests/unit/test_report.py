@@ -1,11 +1,17 @@
-"""A report is records with units: its text scales them, its other forms keep SI."""
+"""A report is records with units: its text scales them, its other forms keep SI.
+
+Claims:
+    Layout
+    - a report: cells, units and gaps of its text; JSON and DataFrame in SI units; HTML escaped |
+      typed by hand | exact | exact
+"""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
 
-from pinflex.report import Report, bullets, lines, listing, table
+from pinflex.report import Listing, Report, bullets, lines, table
 
 SAG = table(
     "Sag <of> two links",
@@ -50,4 +56,4 @@ def test_what_is_empty_leaves_no_gap() -> None:
 
     empty = table("None", list[Row](), "name")
     assert Report("", (empty, "x", bullets([], "Notes"), [empty, ""])).text() == "x\n"
-    assert listing({"base": "world", "load": ""}, 6).text() == "  base  world"
+    assert Listing({"base": "world", "load": ""}, 6).text() == "  base  world"

@@ -20,7 +20,7 @@ from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
-from pinflex.report import Block, Report, Reported, Words, bullets, lines, listing, table
+from pinflex.report import Block, Listing, Report, Reported, Words, bullets, lines, table
 from pinflex.results.quantities import joint_unit
 from pinflex.studies.checking import doubts
 from pinflex.studies.checking.parts import (
@@ -291,7 +291,7 @@ _NOTHING = 1e-12  # a share that is round-off
 def _head(c: Check) -> Block:
     """The model in a few rows, those with nothing to say left out."""
     motors = ", ".join(c.motors)
-    return c.name, listing({
+    return c.name, Listing({
         "URDF": f"{c.urdf}, base {c.base}",
         "gravity": "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2",
         "mobility": _mobility(c),
