@@ -31,12 +31,12 @@ Where the code is; each package imports only those above it:
     studies       many runs of one scene: sweep, map of poses, work and precision; the check
     variation     derivatives, best parameters, scatter, and a fit to measurements
     lab           published cases that `pinflex verify` measures
-    cli           the commands: one module each, its arguments and what it does
+    cli           the commands: what each says of itself, its options, and what it does
 
-Beside them stand arrays, boundary, cards, doors, errors, linalg, names, progress, registered,
-rotations, text, threads and writing, which import none of these; `doors` calls by name what a
-package further down does, such as the figure of a result. Names are imported when first used, so
-that a page from a saved run needs no Pinocchio.
+Beside them stand arrays, boundary, doors, errors, linalg, names, progress, registered,
+report, rotations, text, threads and writing, which import none of these; `doors` calls by name
+what a package further down does, such as the figure of a result. Names are imported when first
+used, so that a page from a saved run needs no Pinocchio.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The command line: `pinflex check | modes | advise | command | solve | compare | sweep ...`.
 
-Each command is a module of `pinflex.cli` with `add(commands)`, its arguments, and `run(args)`.
+`pinflex.cli.commands` has what each says of itself, its options, and the function that runs it.
 Exit codes: 0 done, 1 the scene cannot be solved, 2 bad input, 130 interrupted.
 """
 
@@ -14,19 +14,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from pinflex import boundary
 from pinflex.cli import process
-from pinflex.cli.parser import Overview, Parser
-from pinflex.errors import KernelWarning, PinflexError, quoted
+from pinflex.cli.commands import COMMANDS
+from pinflex.cli.parser import Overview, Parser, complete, name_only
+from pinflex.errors import VARIABLE, KernelWarning, PinflexError, quoted
 
-_COMMANDS = (  # in the order of the help
-    *("check", "modes", "advise", "command", "move", "shapers", "frf"),
-    *("solve", "compare"),
-    *("sweep", "map", "sensitivity", "design", "fit", "bench", "export"),
-    *("view", "verify", "importing", "schema", "completion"),
-)
-_ELSEWHERE = {"import": "importing", "new": "importing"}  # modules of another name
-_WHOLE = ("importing", "completion")  # no command, and one that describes all the others
 _ISSUES = "please report it with the model and the output of --debug"
 _TITLE = (
     "Rigid-flexible dynamics of robots: from a URDF and one YAML to torques, deviations, stress."
@@ -64,9 +56,9 @@ def _run(arguments: list[str]) -> int:
     args, rest = parser.parse_known_args(arguments)
     if rest:
         args.command_parser.refuse(rest)
-    args.parser = parser  # `completion` describes it
+    args.whole = build_parser  # `completion` describes every command
     if args.debug:
-        os.environ[boundary.VARIABLE] = "full"
+        os.environ[VARIABLE] = "full"
     else:
         # a diverging run overflows before it is stopped; its own message says so
         warnings.simplefilter("ignore")
@@ -74,9 +66,9 @@ def _run(arguments: list[str]) -> int:
         warnings.showwarning = process.show_warning
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
-    module = getattr(args, "module", args.command)
+    module, function = args.run
     with process.settled():
-        code: int = import_module(f"pinflex.cli.{module}").run(args)
+        code: int = getattr(import_module(f"pinflex.cli.{module}"), function)(args)
     sys.stdout.flush()
     return code
 
@@ -100,17 +92,21 @@ def _complain(text: str, code: int) -> int:
     return code
 
 
-def build_parser(typed: str = "") -> argparse.ArgumentParser:
-    """The parser of all commands, or, sooner made, of the one that was typed."""
+def build_parser(typed: str | None = None) -> argparse.ArgumentParser:
+    """The parser of all commands; sooner made, of that one whose name was typed.
+
+    Where another word was typed, or none (""), it knows the names of the commands alone.
+    """
     parser = Parser(prog="pinflex", description=_TITLE, formatter_class=Overview, epilog=_EPILOG)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", required=True, parser_class=Parser
     )
-    module = _ELSEWHERE.get(typed, typed)
-    known = module in _COMMANDS and typed not in _WHOLE
-    for name in (module,) if known else _COMMANDS:
-        import_module(f"pinflex.cli.{name}").add(commands)
+    for name, command in COMMANDS.items():
+        if typed is None or name == typed:
+            complete(commands, name, command)
+        elif typed not in COMMANDS:
+            name_only(commands, name)
     return parser
 
 

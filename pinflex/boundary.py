@@ -18,11 +18,10 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from pinflex.errors import DescriptionError, PinflexError, RunInterrupted, nearest
+from pinflex.errors import VARIABLE, DescriptionError, PinflexError, RunInterrupted, nearest
 
 P = ParamSpec("P")
 R = TypeVar("R")
-VARIABLE = "PINFLEX_TRACEBACK"
 
 
 def public(function: Callable[P, R]) -> Callable[P, R]:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
+VARIABLE = "PINFLEX_TRACEBACK"  # of the environment: full shows every frame of an error
 _LONGEST_WORD, _LONGEST = 240, 2000  # [characters] of a word (a path), of a message
 _WORD = re.compile(rf"\S{{{_LONGEST_WORD},}}")
 

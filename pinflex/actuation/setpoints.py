@@ -13,12 +13,12 @@ import numpy as np
 from pinflex.actuation.motors import joint_curve, motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array
-from pinflex.cards import card, grid
 from pinflex.description.motions.motion import Motion
 from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
 from pinflex.description.trajectories.pieces import hermite
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import sliding
+from pinflex.report import card, grid
 from pinflex.text import brief
 from pinflex.writing import write_csv, write_text
 

@@ -83,7 +83,7 @@ def advise(
         band: Error of the platform that does no harm [m], as of `compare`.
         asked: Of torque, deflection and platform; default: the YAML's `solve.asked`, or what
             `compare` judges by: torque and platform.
-        until: End in s; default: the YAML's, or the motion's duration.
+        until: End [s]; default: the YAML's, or the motion's duration.
         fixed: Take the flexible links as they are: propose level and tolerance only.
         progress: True: a bar; or a function called with (step, steps) between the looks.
     Returns:
@@ -318,7 +318,7 @@ class _Study:
             return found
 
     @cached_property
-    def _finer(self) -> error_bars.Seen | None:
+    def _finer(self) -> error_bars.Look | None:
         """All of the richer model and twice its segments; None where nothing can look at that."""
         try:
             return self._look(finer_model(self.rich)[0], "coupled")
@@ -337,7 +337,7 @@ class _Study:
         finer, own = self._finer.probe.mechanism.parts, fewer.beams(self.rich)
         return all(finer[x.link].spec.segments >= 2 * x.spec.segments for x in own)
 
-    def _look(self, model: Mechanism, level: str) -> error_bars.Seen:
+    def _look(self, model: Mechanism, level: str) -> error_bars.Look:
         """A model at a level, on the instants of the probe; by a run where looks miss too much."""
         like = self.probe
         probe = Probe(model, self.motion, like.end, like.static, like.steps - 1, like)
@@ -345,7 +345,7 @@ class _Study:
             return error_bars.look(probe, self.motion, level)
         some = error_bars.compared(probe)
         run = solve_to_tolerance(self._scene(model, level), probe.t[some], _WITHIN * self.tol)
-        return error_bars.Seen(probe, run, some)
+        return error_bars.Look(probe, run, some)
 
     def _scene(self, model: Mechanism, level: str) -> Scene:
         """A run of a model, that is asked for no more than the advice is."""
@@ -494,9 +494,10 @@ class _Study:
                 f"the motion has corners: interpolation misses {percent(probe.rough)} of the "
                 "linear system there, and error bars may be short of them"
             )
-        if probe.seen < RESOLVED:
+        if probe.steps_a_period < RESOLVED:
             said.append(
-                f"the third mode, {probe.third:.3g} Hz, was seen with {probe.seen:.1f} steps a "
-                "period: a long run for so fast a mode; ask about a part of it (until)"
+                f"the third mode, {probe.third:.3g} Hz, was seen with "
+                f"{probe.steps_a_period:.1f} steps a period: a long run for so fast a mode; ask "
+                "about a part of it (until)"
             )
         return said

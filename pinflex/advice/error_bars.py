@@ -148,7 +148,7 @@ _SECTION = 1e-6  # of the length: sections so near are one
 _PARTS = {"section forces": (slice(0, 3), slice(3, 6))}  # N, N m
 
 
-def run_apart(
+def run_difference(
     result: Result,
     mechanism: Mechanism,
     finer: Mechanism,
@@ -162,14 +162,14 @@ def run_apart(
         ConvergenceError: The richer run takes too long, or does not come to its end.
     """
     loose = free(finer)
-    found = outputs_apart(result, richer_run(result, finer, motion, options, static), loose)
+    found = output_differences(result, richer_run(result, finer, motion, options, static), loose)
     settings = result.meta["settings"]
     of_time, _ = time_error(settings, result.level)
     if result.level == "coupled" and any(e < of_time.get(key, 0.0) for key, e in found.items()):
         with contextlib.suppress(PinflexError):  # below what time integration can reach
             tol = _FINER * min(float(settings.get("tol", _TOL)), _TOL)
             a, b = (richer_run(result, x, motion, options, static, tol) for x in (mechanism, finer))
-            return outputs_apart(a, b, loose)
+            return output_differences(a, b, loose)
     return found
 
 
@@ -181,7 +181,7 @@ def richer_run(
     static: bool,
     tol: float | None = None,
 ) -> Result:
-    """A run of a richer model at the instants of another; arguments as of `run_apart`.
+    """A run of a richer model at the instants of another; arguments as of `run_difference`.
 
     `tol`: Of time; None: that of the run, or less.
     """
@@ -203,12 +203,12 @@ def free(mechanism: Mechanism) -> bool:
     return mechanism.report.mobility != len(mechanism.rigid.motors)
 
 
-def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
+def output_differences(a: Result, b: Result, free: bool = False) -> dict[str, float]:
     """Largest differences of all outputs of two runs at the same instants, relative."""
     found: dict[str, float | None] = {}
     if a.torque.shape[1]:
         found["torque"] = _ratio([a.torque], [b.torque])
-    found |= links_apart(a, b)
+    found |= link_differences(a, b)
     found |= _platform_of_runs(a, b, free)
     if not found or not any(found.values()):
         q = "joint/v"
@@ -216,7 +216,7 @@ def outputs_apart(a: Result, b: Result, free: bool = False) -> dict[str, float]:
     return {key: e for key, e in found.items() if e is not None}
 
 
-def links_apart(a: Result, b: Result) -> dict[str, float]:
+def link_differences(a: Result, b: Result) -> dict[str, float]:
     """The same of deflection, stress and section forces, at the sections that both have."""
     found: dict[str, float] = {}
     values: dict[str, tuple[list[Array], list[Array]]] = {
@@ -349,22 +349,24 @@ def _model_error(
     finer, what = finer_model(mechanism)
     found: Errors | None = None
 
-    def looked(coarse: bool = False) -> Errors:
+    def measured(coarse: bool = False) -> Errors:
         with one_blas_thread():
-            return _apart(*_looks(mechanism, finer, motion, end, static, result.level, coarse))
+            return _look_differences(
+                *_looks(mechanism, finer, motion, end, static, result.level, coarse)
+            )
 
     cheap = not _only_by_a_run(mechanism, settings, options)
     if cheap:
         with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
-            found = looked()
+            found = measured()
     if found is None:
         try:
-            found = run_apart(result, mechanism, finer, motion, options, static)
+            found = run_difference(result, mechanism, finer, motion, options, static)
             what = f"a run with {what}"
         except (PinflexError, np.linalg.LinAlgError):
             if not cheap:
                 raise
-            found = looked(coarse=True)
+            found = measured(coarse=True)
     return {key: max(SAFETY * e, ROUND_OFF) for key, e in found.items()}, f"against {what}"
 
 
@@ -389,7 +391,7 @@ def covering(error: Errors, apart: Errors) -> Errors:
 
 
 @dataclass(frozen=True)
-class Seen:
+class Look:
     """A model at a level, looked at along a motion.
 
     Attributes:
@@ -423,14 +425,14 @@ class Seen:
         return result_of(self.probe.mechanism, self.run, path, "probe", {}, "")
 
 
-def look(probe: Probe, motion: Motion, level: str = "coupled") -> Seen:
+def look(probe: Probe, motion: Motion, level: str = "coupled") -> Look:
     """A model at a level, at some of the instants of its probe.
 
     Raises:
         ConvergenceError: Linear vibration does not describe the motion.
     """
     some = compared(probe)
-    return Seen(probe, _at_level(probe, motion, level).at(some), some)
+    return Look(probe, _at_level(probe, motion, level).at(some), some)
 
 
 def compared(probe: Probe) -> slice:
@@ -438,9 +440,9 @@ def compared(probe: Probe) -> slice:
     return slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
 
 
-def _apart(small: Seen, large: Seen) -> Errors:
+def _look_differences(small: Look, large: Look) -> Errors:
     """Largest differences of one look from another, by output."""
-    found = links_apart(small.result, large.result) | differences(small, large)
+    found = link_differences(small.result, large.result) | differences(small, large)
     found |= platform_acceleration(small.result, large.result)
     return {key: found[key] for key in _TOLD if key in found}
 
@@ -453,7 +455,7 @@ def _looks(
     static: bool,
     level: str,
     coarse: bool = False,
-) -> tuple[Seen, Seen]:
+) -> tuple[Look, Look]:
     """A level of one model and all of another, at the same instants.
 
     Raises:
@@ -462,7 +464,7 @@ def _looks(
     probe = Probe(mechanism, motion, end, static)
     if probe.first * end > _PERIODS:
         raise ConvergenceError("it is long beside its first natural period")
-    if not coarse and probe.seen < RESOLVED:
+    if not coarse and probe.steps_a_period < RESOLVED:
         raise ConvergenceError("it is long beside its third natural period")
     small = look(probe, motion, level)
     probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
@@ -532,7 +534,7 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
     return probe.nonlinear(described(probe))
 
 
-def differences(a: Seen, b: Seen) -> Errors:
+def differences(a: Look, b: Look) -> Errors:
     """Largest differences of what two models do, relative as in `pinflex.levels.outputs`."""
     found: Errors = {}
     if a.run.torque.shape[1] and np.any(b.run.torque):
@@ -557,7 +559,7 @@ def _largest(a: Mapping[str, Array], b: Mapping[str, Array]) -> tuple[float, flo
     return scale, max((float(np.max(np.abs(x - y), initial=0.0)) for x, y in pairs), default=0.0)
 
 
-def _platform(a: Seen, b: Seen) -> Errors:
+def _platform(a: Look, b: Look) -> Errors:
     """Differences of the platform's pose, relative to its largest deviation from rigid."""
     (p, R), (p_b, R_b), (p_r, R_r) = a.platform, b.platform, a.rigid_platform
     pairs = {

@@ -125,7 +125,7 @@ class Probe:
         return len(self.t)
 
     @property
-    def seen(self) -> float:
+    def steps_a_period(self) -> float:
         """Steps in a period of the third mode."""
         return 1.0 / max(self.third * self.h, 1e-300)
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 
 from pinflex.advice.reduced_models import Errors, LeftOut
-from pinflex.cards import Worded
+from pinflex.report import Block, Report, Reported, bullets, lines, table
 from pinflex.results.verdict import BAND, criterion
-from pinflex.text import brief, bullets, paragraph, percent, report, table
+from pinflex.text import brief, percent
 
 
 def error_bar(e: float) -> str:
@@ -17,7 +17,7 @@ def error_bar(e: float) -> str:
 
 
 @dataclass(frozen=True)
-class Advice(Worded):
+class Advice(Reported):
     """A proposal and what it rests on.
 
     Attributes:
@@ -63,12 +63,12 @@ class Advice(Worded):
         """
         return max((e / self.allowed.get(k, self.tol) for k, e in error.items()), default=0.0)
 
-    def text(self) -> str:
+    def as_report(self) -> Report:
         """Proposal, how to follow it, its error bars, and the price of what is left out."""
-        return write(self)
+        return report(self)
 
 
-# Advice as text for people.
+# The report of an advice.
 
 _DOES = {
     "rigid": "no link has to bend",
@@ -78,27 +78,25 @@ _DOES = {
 }
 
 
-def write(a: Advice, model: str | None = None, whole: bool = True) -> str:
+def report(a: Advice, model: str | None = None, whole: bool = True) -> Report:
     """Proposal, error bars, how to follow it; and the price of what is out."""
-    n, rich, kept = a.coordinates
+    n, rich, elastic = a.coordinates
     far = max(a.error.values(), default=0.0)
     missed = a.used(a.error) > 1.0
     most = error_bar(far) if far > 1.0 else f"up to {error_bar(far)}"
     reached = f"NOT REACHED: error bars {most}" if missed else "reached"
     of = f" (levels: model of {rich} coordinates)" if a.levels else ""
     deflection = f", deflection within {percent(a.tol)}" * ("deflection" in a.asked)
-    return report(
-        paragraph(f"{a.name}: {reached}.")
-        + "\n"
-        + paragraph(f"Suffices: {criterion(a.tol, a.band)}{deflection}."),
+    return Report(f"{a.name}: advice", (
+        (f"{a.name}: {reached}.", f"Suffices: {criterion(a.tol, a.band)}{deflection}."),
         f"Proposal: level {a.level} ({_DOES[a.level]})"
-        + (f", {kept} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
-        paragraph(_command(a, model or a.name), "      ", "  "),
-        paragraph(a.why, "     ", "why: ") if a.why else "",
+        + (f", {elastic} elastic coordinates ({n} as loaded)" if a.level != "rigid" else ""),
+        lines(_command(a, model or a.name), indent="      ", first="  "),
+        lines(a.why, indent="     ", first="why: "),
         _bars(f"Error bars (twice what was measured) of time integration and model{of}", a),
         _left_out(a) if whole else _sentence(a),
         bullets(a.notes),
-    )
+    ))  # fmt: skip
 
 
 def _command(a: Advice, model: str) -> str:
@@ -106,18 +104,21 @@ def _command(a: Advice, model: str) -> str:
     return f"pinflex solve {model} --level {a.level}" + "".join(f" --set {x}" for x in changes)
 
 
-def _bars(title: str, a: Advice) -> str:
+def _bars(title: str, a: Advice) -> Block:
     """Levels that were measured, and the proposal."""
     known = {name: e for name, e in a.levels.items() if all(map(isfinite, e.values()))}
     rows = known | ({"the proposal": a.error} if all(map(isfinite, a.error.values())) else {})
     if not rows:
         return ""
     outputs = list(next(iter(rows.values())))
-    cells = [[name, *(error_bar(error[k]) for k in outputs)] for name, error in rows.items()]
-    cells.append(["allowed", *(percent(a.allowed.get(k, a.tol)) for k in outputs)])
+    allowed = {k: percent(a.allowed.get(k, a.tol)) for k in outputs}
+    records = [{"level": name, **error} for name, error in rows.items()]
+    columns = [(k, k, lambda e: e if isinstance(e, str) else error_bar(e)) for k in outputs]
     missing = [name for name in a.levels if name not in known]
-    rest = f"\nNot measured: {', '.join(missing)}." if missing else ""
-    return table(title, "|".join(["level", *outputs]), cells, (18,)) + rest
+    return (
+        table(title, [*records, {"level": "allowed", **allowed}], "level", *columns, names=(18,)),
+        f"Not measured: {', '.join(missing)}." if missing else "",
+    )
 
 
 def _sentence(a: Advice) -> str:
@@ -125,19 +126,16 @@ def _sentence(a: Advice) -> str:
     out = [x.what for x in a.left_out if x.out]
     if not a.left_out:
         return ""
-    return paragraph(f"Left out: {', '.join(out) or 'nothing'}. -v says what each costs.")
+    return f"Left out: {', '.join(out) or 'nothing'}. -v says what each costs."
 
 
-def _left_out(a: Advice) -> str:
-    if not a.left_out:
-        return ""
-    outputs = list(a.left_out[0].error)
-    rows = [
-        ["out" if x.out else "kept", x.what, *(_price(x.error[k]) for k in outputs)]
-        for x in a.left_out
-    ]
-    header = "|".join(["", "what", *outputs])
-    return table("What leaving it out costs, relative", header, rows, (4, 44))
+def _left_out(a: Advice) -> Block:
+    outputs = list(a.left_out[0].error) if a.left_out else []
+    columns = [(k, lambda x, k=k: x.error[k], _price) for k in outputs]
+    return table(
+        "What leaving it out costs, relative", a.left_out,
+        ("", lambda x: "out" if x.out else "kept"), "what", *columns, names=(4, 44),
+    )  # fmt: skip
 
 
 def _price(x: float) -> str:

@@ -123,7 +123,7 @@ def smaller(
         if found is None or found[1] == kept.coordinates:
             continue
         parts, n, run = found
-        error, own = (_apart(outputs, run, other) for other in (whole, before))
+        error, own = (_output_differences(outputs, run, other) for other in (whole, before))
         out = SAFETY * used(error) <= room
         tried.append(LeftOut(what, own, out))
         if mode is not None:
@@ -136,7 +136,7 @@ def smaller(
     return replace(kept, tried=tuple(tried), unsettled=unsettled)
 
 
-def _apart(outputs: Outputs, run: Run, other: Run) -> Errors:
+def _output_differences(outputs: Outputs, run: Run, other: Run) -> Errors:
     """Differences of the outputs asked for: where all are zero, joints would be told too."""
     found = outputs.differences(run, other)
     return {key: e for key, e in found.items() if not key.startswith("joint ")} or found

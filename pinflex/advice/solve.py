@@ -63,13 +63,13 @@ def solve(
     Args:
         mechanism: From `load`.
         motion: Default: the motion of the YAML.
-        level: rigid, quasistatic, ked or coupled; default: the YAML's. auto: the one that
-            `advise` proposes for `tol` (default 1e-2), with the links as they are; the result's
-            meta["advice"] says why.
+        level: rigid, quasistatic, ked, coupled or auto; default: the YAML's. Auto is the one
+            that `advise` proposes for `tol` (default 1e-2), with the links as they are; the
+            result's meta["advice"] says why.
         until: End time [s]; default: the YAML's, or the motion's duration.
         dt: Step [s] for ked and coupled; default: from the first frequencies and the motion.
-        tol: Relative error wanted of time integration, instead of dt.
-        samples: Number of output times nt; default 401.
+        tol: Relative error of time integration instead of a step, such as 1e-3.
+        samples: Instants to keep, nt; default 401.
         asked: Outputs that `tol` is about: torque, deflection, platform; default: the YAML's.
         start: straight (undeformed), static (in equilibrium) or auto; at level coupled also a run,
             or (run, t), from whose state at t [s] it goes on, or (y, v): coordinates and

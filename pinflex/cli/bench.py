@@ -1,4 +1,4 @@
-"""`pinflex bench`: work and precision on a scene."""
+"""`pinflex bench` and `verify`: work and precision on a scene, published cases on this machine."""
 
 from __future__ import annotations
 
@@ -6,52 +6,25 @@ import argparse
 import json
 from collections.abc import Container, Sequence
 from dataclasses import asdict
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pinflex.cli import parser
-from pinflex.cli.console import load_model, print_json
+import pinflex as pf
+from pinflex.cli.console import answer, load_model
 from pinflex.errors import DescriptionError
-from pinflex.progress import Bar
-from pinflex.text import number, paragraph, table
+from pinflex.progress import Bar, Stages
+from pinflex.report import Report, Table, lines, table
+from pinflex.text import number
 from pinflex.writing import plain, writable, write_text
 
 if TYPE_CHECKING:
-    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.studies.bench import Bench, Point
 
 _ERRORS = (1e-1, 1e-2, 1e-3)  # that the advice is about
 
 
-def add(commands: parser.Commands) -> None:
-    """Add the command."""
-    p = parser.command(
-        commands,
-        "bench",
-        "time against error on a scene",
-        """
-Solves the scene by every level, by more and fewer internal modes, by several integrators and steps,
-and compares time and error with a converged solution that it refines until two runs agree.
-With --worst it takes single steps of the robot in the loop (pf.Simulator) along its motion and
-back, and tells what they cost: median, rare ones and the largest, in thread CPU time.""",
-        "pinflex bench 3rrs -o out\n  pinflex bench ur5 --worst --dt 2.5e-4",
-        model=False,
-    )
-    p.add_argument("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name")
-    parser.repeated(p, "--set", "KEY=VALUE", "change the YAML; may be repeated")
-    p.add_argument("-o", "--output", metavar="DIR", help="write table, numbers and figure there")
-    parser.verbose(p)
-    p.add_argument("--worst", action="store_true", help="the cost of single steps in the loop")
-    p.add_argument(
-        "--steps", type=int, metavar="N", help="number of steps of --worst (default: 1000000)"
-    )
-    p.add_argument(
-        "--dt", type=parser.positive, metavar="S", help="step of --worst in s (default: 1e-3)"
-    )
-    p.add_argument("--race", nargs="?", const="", help=argparse.SUPPRESS)
-
-
-def run(args: argparse.Namespace) -> int:
+def run_bench(args: argparse.Namespace) -> int:
     """Solve the scene in many ways; print time against error."""
     from pinflex.studies.bench import bench
 
@@ -72,76 +45,69 @@ def run(args: argparse.Namespace) -> int:
         writable(folder / "bench.png")
     with Bar("bench") as bar:
         study = bench(mechanism, bar)
-    data = _json(study)
-    text = write(study, whole=True)
-    files = [] if folder is None else _save(study, folder, text, data)
-    if args.json:
-        print_json(data)
-    else:
-        print(write(study, args.verbose), end="")
-        print("".join(f"wrote {path}\n" for path in files), end="")
-    return 0
+    data = _data(study)
+    files = [] if folder is None else _save(study, folder, report(study, whole=True).text(), data)
+    written = "".join(f"wrote {path}\n" for path in files)
+    return answer(args, data, report(study, args.verbose).text() + written)
 
 
-def _worst(mechanism: Mechanism, args: argparse.Namespace) -> int:
+def _worst(mechanism: pf.Mechanism, args: argparse.Namespace) -> int:
     """Print what single steps cost."""
     from pinflex.live.cost import step_cost
 
     steps = 1_000_000 if args.steps is None else args.steps
-    found = step_cost(mechanism, steps, 1e-3 if args.dt is None else args.dt)
-    if args.json:
-        print_json(plain(asdict(found)))
-        return 0
-    rows = [[f"{share:g} %", number(1e6 * x)] for share, x in found.percentiles.items()]
-    rows += [["largest", number(1e6 * found.largest)]]
-    rows += [["largest of an empty call", number(1e6 * found.empty)]]
-    title = f"{found.name}: {found.steps} steps of {found.dt:g} s, thread CPU time"
-    mean, most = found.iterations
-    told = (
-        f"Newton iterations of a step: {mean:.1f}, {most} at the most; {found.tangents[0]} new "
-        f"tangents, {found.tangents[1]} of a step at the most."
-    )
-    print(table(title, "share of the steps|us", rows, (24,)), paragraph(told), sep="\n\n")
-    return 0
+    cost = step_cost(mechanism, steps, 1e-3 if args.dt is None else args.dt)
+    rows = [(f"{share:g} %", x) for share, x in cost.percentiles.items()]
+    rows += [("largest", cost.largest), ("largest of an empty call", cost.empty)]
+    mean, most = cost.iterations
+    text = Report(cost.name, (
+        table(
+            f"{cost.name}: {cost.steps} steps of {cost.dt:g} s, thread CPU time", rows,
+            ("share of the steps", itemgetter(0)), ("us", lambda row: 1e6 * row[1]), names=(24,),
+        ),
+        f"Newton iterations of a step: {mean:.1f}, {most} at the most; {cost.tangents[0]} new "
+        f"tangents, {cost.tangents[1]} of a step at the most.",
+    )).text()  # fmt: skip
+    return answer(args, asdict(cost), text)
 
 
-def write(study: Bench, whole: bool = False) -> str:
+def report(study: Bench, whole: bool = False) -> Report:
     """Table, fastest first, and advice; points that others beat in everything are counted."""
     best = {id(p) for p in study.pareto()}
     points = sorted((p for p in study.points if not p.failed), key=lambda p: p.cpu)
     shown = points if whole else [p for p in points if id(p) in best]
     failures = [p for p in study.points if p.failed]
     own = ", ".join(f"{name} {error:.1e}" for name, error in study.own_error.items())
-    last = paragraph(f"Reference: {study.reference}. Its own error: {own}.") + "\n"
-    rest = _reasons(failures) if whole else _hidden(len(points) - len(shown), len(failures))
-    return "\n\n".join([_points(study, shown, best), paragraph(advice(study)), last + rest])
+    reasons = lines(
+        *(f"{p.case.method}, {p.case.setting}: {p.failed}" for p in failures), indent="  "
+    )
+    last = reasons if whole else _hidden(len(points) - len(shown), len(failures))
+    return Report(study.name, (
+        _points(study, shown, best),
+        advice(study),
+        (f"Reference: {study.reference}. Its own error: {own}.", last),
+    ))  # fmt: skip
 
 
-def _points(study: Bench, points: Sequence[Point], best: Container[int]) -> str:
+def _points(study: Bench, points: Sequence[Point], best: Container[int]) -> Table:
     """A row for each point; a star for those that no other beats in everything, by their id."""
-    outputs = list(study.own_error)
-    header = ["method", "setting", study.key or "modes", "wall s", "CPU s"]
-    header += [name.replace("platform ", "") for name in outputs] + ["Pareto"]
-    rows = [
-        [p.case.method, p.case.setting, str(p.case.modes if p.case.modes is not None else "-"),
-         number(p.wall), number(p.cpu), *(f"{p.errors[name]:.1e}" for name in outputs),
-         "*" if id(p) in best else ""]
-        for p in points
-    ]  # fmt: skip
-    return table(f"{study.name}: time and relative error", "|".join(header), rows, (12, 20))
-
-
-def _reasons(failures: Sequence[Point]) -> str:
-    """Why each of them failed, a paragraph each."""
-    texts = (f"{p.case.method}, {p.case.setting}: {p.failed}" for p in failures)
-    return "".join(paragraph(text, indent="  ") + "\n" for text in texts)
+    errors = [
+        (name.replace("platform ", ""), lambda p, name=name: p.errors[name], "{:.1e}".format)
+        for name in study.own_error
+    ]
+    return table(
+        f"{study.name}: time and relative error", points, ("method", lambda p: p.case.method),
+        ("setting", lambda p: p.case.setting), (study.key or "modes", lambda p: p.case.modes),
+        ("wall s", "wall"), ("CPU s", "cpu"), *errors,
+        ("Pareto", lambda p: "*" if id(p) in best else ""), names=(12, 20),
+    )  # fmt: skip
 
 
 def _hidden(worse: int, failed: int) -> str:
     """How many points are not shown, by what they are."""
     counts = ((worse, "slower and worse than one of these"), (failed, "failed"))
     some = [f"{n} {what}" for n, what in counts if n]
-    return paragraph(f"{'; '.join(some)}: -v shows them.") + "\n" if some else ""
+    return f"{'; '.join(some)}: -v shows them." if some else ""
 
 
 def advice(study: Bench) -> str:
@@ -161,7 +127,7 @@ def advice(study: Bench) -> str:
     return f"An error of every output within {'; within '.join(parts)}."
 
 
-def _json(study: Bench) -> dict[str, object]:
+def _data(study: Bench) -> dict[str, Any]:
     best = {id(p) for p in study.pareto()}
     points = [{**asdict(p), "pareto": id(p) in best} for p in study.points]
     return {
@@ -179,3 +145,28 @@ def _save(study: Bench, folder: Path, text: str, data: dict[str, object]) -> lis
     write_text(paths[1], json.dumps(plain(data), indent=2))
     figure(study).savefig(paths[2])
     return paths
+
+
+def run_verify(args: argparse.Namespace) -> int:
+    """Print the table or JSON, write the page; 1 if something fails."""
+    from pinflex.lab.verify import verdict, verify, write_page
+
+    writable(args.output)
+    stages = Stages(Bar)
+
+    def show(table: str) -> None:  # case by case: all of them take minutes
+        stages.close()
+        print(f"{table}\n", flush=True)
+
+    def next_case(name: str, k: int, n: int) -> None:
+        stages(f"{name} ({k + 1} of {n})")
+
+    try:
+        outcome = verify(args.cases, next_case, args.long, None if args.json else show)
+    finally:
+        stages.close()
+    page = None if args.output is None else write_page(outcome, args.output)
+    data = {"passed": outcome.passed, "records": outcome.to_json(), "page": page}
+    written = "" if page is None else f"\nwrote {page}\n"
+    answer(args, data, f"{verdict(outcome)}\n{written}")
+    return 0 if outcome.passed else 1

@@ -17,7 +17,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 
 
-def saved_meanwhile(
+def with_checkpoints(
     mechanism: Mechanism, output: str | None, seconds: float, options: Mapping[str, Any]
 ) -> Result:
     """The run of `solve(mechanism, **options)`, interrupted to be saved and gone on with."""

@@ -32,9 +32,9 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
     return files
 
 
-def say_written(files: Sequence[object], how: str = "-o FILE") -> None:
+def say_written(files: Sequence[object], how: str = "-o FILE saves it") -> None:
     """Print the files written, or which option writes one."""
-    print("\n".join(f"wrote {path}" for path in files) or f"nothing saved ({how} saves it)")
+    print("\n".join(f"wrote {path}" for path in files) or f"nothing saved ({how})")
 
 
 @contextmanager
@@ -85,3 +85,23 @@ def _parser_noise(kept: bool) -> Iterator[IO[bytes]]:
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout."""
     print(json.dumps(plain(data), indent=2, allow_nan=False))
+
+
+def answer(
+    args: argparse.Namespace,
+    data: Mapping[str, Any],
+    text: str,
+    files: Sequence[object] | None = None,
+    how: str = "-o FILE saves it",
+) -> int:
+    """Print the answer of a command, for people or as JSON, and the files that it has written.
+
+    `text` ends its lines itself. `how` says which option writes a file where none was.
+    """
+    if args.json:
+        print_json({**data, **({} if files is None else {"files": files})})
+        return 0
+    print(text, end="")
+    if files is not None:
+        say_written(files, how)
+    return 0

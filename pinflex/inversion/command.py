@@ -14,7 +14,6 @@ from pinflex.actuation.setpoints import Setpoints, missed, ticks, write_message
 from pinflex.advice.error_bars import platform_bar
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.cards import card, grid, pairs
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.doors import door
@@ -28,7 +27,9 @@ from pinflex.inversion.target import require_within_curves, require_within_limit
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery.drives import drives
+from pinflex.report import card, grid, pairs
 from pinflex.results.error_bars import NOT_MEASURED
+from pinflex.results.quantities import joint_unit, unit_of
 from pinflex.solver.solve import default_motion
 from pinflex.threads import one_blas_thread
 
@@ -41,7 +42,7 @@ _LEAST, _MOST = 120, 4000  # instants in all
 _FEWEST = 30  # that are asked for: differences of eighth order take nine
 _NO_BETTER = 0.5  # of the last error: an order of four and more leaves 0.15, round-off more
 _REFINED = 1.6  # instants of a finer grid over those of the last
-_MOTOR_SIDE = {"motor_position": "rad", "motor_speed": "rad/s", "motor_torque": "N m"}
+_MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
 _POOR = 1e-2  # of what the rigid command misses: a bar that is worth a second grid
 _STILL = 1e-3  # of its top speed, below which a motor rests
 _AT_REST = 1e-3  # of the largest speed: samples of a motion end at rest to about that
@@ -179,9 +180,9 @@ class Command:
         t = self.t if rate is None else ticks(float(self.t[-1]), rate)
         p, v, a = self.motion.evaluate(t)
         sides = {
-            f"{name}.{key} [{unit}]": side[key]
+            f"{name}.{key} [{unit_of(f'drive/{name}/{key}')}]": side[key]
             for name, side in self.drives.items()
-            for key, unit in _MOTOR_SIDE.items()
+            for key in _MOTOR_SIDE
         }
         values = np.column_stack([self.torque, *sides.values()])
         if rate is None:
@@ -250,15 +251,16 @@ def command(
             default: the motion of the YAML.
         level: "rigid": inverse kinematics. "quasistatic": an asymptotic series, for motions slower
             than the vibrations. "exact": stable inversion, for any motion that is smooth.
-        tol: Error of the platform as a share of what the rigid command misses; the grid is refined
-            until the estimate is below it, but for `Command.cut_off`. Default: one grid.
+        tol: Platform error wanted, as a share of what the rigid command misses (level exact). The
+            grid is refined until the estimate is below it, but for `Command.cut_off`. Default: one
+            grid.
         coordinates: Platform coordinates that follow, among x y z rz ry rx; default: those of the
             motion, or as many independent ones as there are motors. Fewer than motors: what moves
             none of them stays on the rigid motion, and the links swing freely there.
-        before, after: Rest ahead of the motion and after it, s; default: from the internal
+        before, after: Rest ahead of the motion and after it [s]; default: from the internal
             dynamics (the vibration that is left when the platform is held on its path).
-        instants: Number of grid points; default: 150 over the motion, of level exact more where
-            fast modes ring after it (`pinflex.inversion.on_grid`).
+        instants: Number of grid points; default: 150 over the motion. Of level exact there are
+            more where fast modes ring after it (`pinflex.inversion.on_grid`).
         limited: Refuse a command beyond the URDF's effort and velocity limits, or beyond the
             limit curve of a drive.
     Returns:
@@ -446,7 +448,7 @@ def _both_sides(
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
     slides = sliding(mechanism.rigid.rigid)
-    return tuple("N" if name in slides else "N m" for name in mechanism.motors)
+    return tuple(joint_unit("torque", name in slides) for name in mechanism.motors)
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

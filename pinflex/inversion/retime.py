@@ -20,7 +20,6 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray, spans
 from pinflex.boundary import public
-from pinflex.cards import card, grid
 from pinflex.description.motions.motion import Motion, trajectory
 from pinflex.description.motions.shaping import ShaperSpec, read, shaped
 from pinflex.description.robots.urdf import MotorLimits
@@ -31,6 +30,7 @@ from pinflex.levels.modes import ringing
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.report import card, grid
 
 QUANTITIES = tuple(field.name for field in fields(MotorLimits))
 _POWER = {"velocity": 1, "acceleration": 2, "jerk": 3}

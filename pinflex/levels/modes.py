@@ -16,7 +16,6 @@ from pinflex.actuation.motors import plain_motion
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
-from pinflex.cards import card, grid
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.description.motions.shaping import MODES, shaped
 from pinflex.description.motions.shaping import read as read_shaper
@@ -27,6 +26,7 @@ from pinflex.levels.quasistatic import acts_without_potential, coupled, rest
 from pinflex.linalg import condensed, null_space
 from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.report import card, grid
 from pinflex.text import brief, table
 from pinflex.threads import one_blas_thread
 

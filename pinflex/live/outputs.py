@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.quantities import unit_of
+from pinflex.results.quantities import joint_unit
 from pinflex.text import brief
 
 
@@ -101,8 +101,5 @@ def outputs_of(mechanism: Mechanism) -> Outputs:
 def _unit(mechanism: Mechanism, kind: str, motor: str) -> str:
     """Unit of a quantity of a motor: m and N where it slides."""
     slides = mechanism.joints[motor].kind == "prismatic"
-    if kind == "torque":
-        return "N" if slides else "N m"
-    key = {"position": "joint/q", "velocity": "joint/v", "acceleration": "joint/a"}[kind]
-    unit = unit_of(key) or ""
-    return unit.replace("rad", "m") if slides else unit
+    keys = {"position": "joint/q", "velocity": "joint/v", "acceleration": "joint/a"}
+    return joint_unit(keys.get(kind, kind), slides)

@@ -15,7 +15,6 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.boundary import public
-from pinflex.cards import card, pairs
 from pinflex.description.blocks.drives import elastic
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.description import Description, read
@@ -50,6 +49,7 @@ from pinflex.mechanics.model.tree import (
 )
 from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system
 from pinflex.names import Names, Records
+from pinflex.report import card, pairs
 from pinflex.text import short
 
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.

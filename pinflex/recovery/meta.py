@@ -17,6 +17,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery import drives, validity
 from pinflex.results.drawing import urdf_parts
+from pinflex.results.quantities import KEYS, SLIDING, joint_unit
 from pinflex.text import percent
 
 # Stick and slip: what the Stribeck speed of a joint's friction leaves of it.
@@ -69,11 +70,7 @@ _LAID_OUT = {  # by number of coordinates, as Pinocchio has them
     4: "qx, qy, qz, qw",
     7: "m, m, m, qx, qy, qz, qw",
 }
-_DRIVE = {
-    **{"motor_position": "rad", "motor_speed": "rad/s", "motor_torque": "N m", "motor_power": "W"},
-    **{"position": "rad", "deflection": "rad", "speed": "rad/s", "torque": "N m", "power": "W"},
-}
-_SLIDES = {"position": "m", "deflection": "m", "speed": "m/s", "torque": "N"}  # of a drive
+_DRIVE = {of.key.partition("/NAME/")[2]: of.unit for of in KEYS if of.key.startswith("drive/")}
 ASSESSED = ("energy_balance", "grades", "warnings", "limits", "monitors")  # keys of `assess`
 
 
@@ -296,9 +293,11 @@ def _units(mechanism: Mechanism) -> dict[str, str]:
             flat = joint.shortname() == "JointModelPlanar"
             units[f"joint/q/{name}"] = "m, m, cos, sin" if flat else _LAID_OUT[joint.nq]
         if name in slides:
-            units[f"torque/{name}"] = "N"
-            units[f"joint/q/{name}"] = "m"
-            units[f"joint/v/{name}"] = "m/s"
-            units[f"joint/a/{name}"] = "m/s^2"
-            units |= {f"drive/{name}/{key}": unit for key, unit in _SLIDES.items()}
+            keys = ("torque", "joint/q", "joint/v", "joint/a")
+            units |= {f"{key}/{name}": joint_unit(key, True) for key in keys}
+            units |= {
+                f"drive/{name}/{key}": SLIDING[unit]
+                for key, unit in _DRIVE.items()
+                if unit in SLIDING and not key.startswith("motor_")
+            }
     return units

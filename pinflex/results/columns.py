@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.cards import card, grid
 from pinflex.doors import library
 from pinflex.errors import DescriptionError, nearest
+from pinflex.report import card, grid
 from pinflex.text import brief
 from pinflex.writing import replaced, write_csv
 
@@ -64,7 +64,7 @@ class Columns:
         return list(self.arrays)
 
     def _repr_html_(self) -> str:
-        cells = [[_shown(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
+        cells = [[_five_digits(x) for x in row] for row in zip(*self.arrays.values(), strict=True)]
         return card(f"table of {len(self)} rows", grid([*self._headed()], cells))
 
     def _headed(self) -> dict[str, np.ndarray]:
@@ -110,7 +110,7 @@ def column(values: Sequence[Any]) -> Column:
     return array
 
 
-def _shown(value: Any) -> str:
+def _five_digits(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 

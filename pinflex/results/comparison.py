@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.boundary import public
-from pinflex.cards import Worded, card, words
 from pinflex.errors import DescriptionError
+from pinflex.report import Report, Reported
 from pinflex.results import comparison_text, verdict
 from pinflex.results.drives import DriveRow, drive_row
 from pinflex.results.result import Result, peak, rms, same_grid
@@ -180,7 +180,7 @@ def cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
 
 
 @dataclass(frozen=True)
-class Comparison(Worded):
+class Comparison(Reported):
     """The table of one scene; `text` for people, `to_json` for machines (SI units).
 
     Attributes:
@@ -219,16 +219,16 @@ class Comparison(Worded):
         """The same numbers as JSON with stable keys; absent numbers are null."""
         return json.dumps(asdict(self), indent=2, allow_nan=False)
 
-    def text(self) -> str:
-        """Everything as aligned plain text of at most 100 columns."""
-        return comparison_text.write(self)
+    def as_report(self) -> Report:
+        """Everything, with its tables."""
+        return comparison_text.report(self)
 
     def brief(self) -> str:
         """The answer on one screen: in words, one table of levels, notes."""
-        return comparison_text.brief(self)
+        return comparison_text.brief(self).text()
 
     def _repr_html_(self) -> str:
-        return card(f"{self.name}: rigid against flexible", words(self.brief()))
+        return comparison_text.brief(self).html()
 
 
 @public

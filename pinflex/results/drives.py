@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.doors import door
+from pinflex.report import Table, table
 from pinflex.results.views import View, peak, rms
-from pinflex.text import brief, number, table
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,10 +20,8 @@ if TYPE_CHECKING:
     from pinflex.results.result import Result
 
 
-_PEAKS = (
-    *("motor_torque", "motor_speed", "motor_power"),
-    *("torque", "speed", "power", "deflection"),
-)
+_SHOWN = ("motor_torque", "motor_speed", "motor_power", "torque", "speed", "power")
+_PEAKS = (*_SHOWN, "deflection")
 _BEYOND = 1e9  # of a limit: a motor faster than its curve goes
 
 
@@ -36,10 +35,7 @@ class DriveView(View):
 
     __repr__ = brief
     kind = "drive"
-    shows = (
-        ("motor_torque", "N m"), ("motor_speed", "rad/s"), ("motor_power", "W"),
-        ("torque", "N m | N"), ("speed", "rad/s | m/s"), ("power", "W"),
-    )  # fmt: skip
+    arrays: ClassVar[Mapping[str, str]] = {key: f"drive/NAME/{key}" for key in _SHOWN}
 
     def plot(self, ax: Axes | None = None) -> Any:
         """Draw motor torque over motor speed, with the limit curve; returns the axes.
@@ -172,21 +168,15 @@ def row_of(label: str, joint: str, values: Mapping[str, Array], curve: Array) ->
     )
 
 
-def drive_table(rows: Sequence[DriveRow]) -> str:
-    """The rows as text, motor side and joint side."""
-    known = any(r.use is not None for r in rows)
-    cells = []
-    for k, r in enumerate(rows):
-        name = "" if k and rows[k - 1].joint == r.joint else r.joint
-        values = (r.motor_torque, r.motor_rms, r.motor_speed, r.motor_power, r.torque, r.rms,
-                  r.speed)  # fmt: skip
-        cells.append([name, r.level, *map(number, values), *([_use(r.use)] if known else [])])
+def drive_table(rows: Sequence[DriveRow]) -> Table:
+    """The rows, motor side and joint side."""
+    limited = [("of limit", "use", _use)] if any(r.use is not None for r in rows) else []
     return table(
         "Drives: torque [N m], rms, speed [rad/s], power [W] of the motor; the same at the joint",
-        f"joint|level|motor|rms|speed|power|joint|rms|speed{'|of limit' if known else ''}",
-        cells,
-        (20, 12),
-    )
+        rows, "joint", "level", ("motor", "motor_torque"), ("rms", "motor_rms"),
+        ("speed", "motor_speed"), ("power", "motor_power"), ("joint", "torque"), "rms", "speed",
+        *limited, names=(20, 12), once=True,
+    )  # fmt: skip
 
 
 def _use(x: float | None) -> str:

@@ -131,6 +131,10 @@ KEYS = (
 )  # fmt: skip
 
 
+# The unit where a joint slides.
+SLIDING = {"rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "N m": "N"}
+
+
 @cache
 def key_of(key: str) -> Key | None:
     """The row of `KEYS` of a flat key; None for one that no run has."""
@@ -145,6 +149,12 @@ def unit_of(key: str) -> str | None:
             return found.unit
         key = key.rpartition("/")[0]
     return None
+
+
+def joint_unit(key: str, slides: bool) -> str:
+    """Unit of a key at a joint that turns, or slides."""
+    unit = unit_of(key) or ""
+    return SLIDING.get(unit, unit) if slides else unit
 
 
 # Heads of the keys that every result has of itself.

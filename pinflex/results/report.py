@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, cast
 
 from pinflex.arrays import Array
-from pinflex.cards import card, pairs
 from pinflex.doors import door, library
+from pinflex.report import card, pairs
 from pinflex.results import quantities
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.rotations import rotation_vector
@@ -168,7 +168,7 @@ def _of_mesh(parts: list[str], shape: tuple[int, ...]) -> tuple[str, ...]:
 # How a result is shown: figures, tables of other libraries, the card of a notebook.
 
 
-class Shown:
+class Display:
     """What a Result offers to look at it."""
 
     def to_pandas(self) -> Any:

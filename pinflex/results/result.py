@@ -20,7 +20,7 @@ from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late, plain_meta, read_only, timed
 from pinflex.results.quantities import QUANTITIES, unit_of
-from pinflex.results.report import Shown
+from pinflex.results.report import Display
 from pinflex.results.views import (
     Deviation,
     Event,
@@ -49,7 +49,7 @@ _OF_FRAMES = ("platform", "position", "pose", "tool", "tip", "end_effector")
 
 
 @dataclass(frozen=True)
-class Result(Shown):
+class Result(Display):
     """One run at one level of fidelity.
 
     Attributes:

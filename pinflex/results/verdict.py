@@ -116,7 +116,7 @@ def platform_allowed(deviation: float, tol: float = TOL, band: float = BAND) -> 
     return max(band, tol * deviation)
 
 
-def torque_apart(run: Result, other: Result, best: Result) -> float | None:
+def torque_difference(run: Result, other: Result, best: Result) -> float | None:
     """Largest difference of torques, as a share of the best level's largest with the same unit.
 
     Motors of one unit that idle, as those of a closed gripper, are judged by a thousandth of what
@@ -154,8 +154,8 @@ def _level_row(
     run, rigid, best = runs[level], runs.get("rigid"), list(runs.values())[-1]
     far = [r.position for r in c.platform if r.level == level]
     stress = [r.von_mises for r in c.stresses if r.level == level]
-    from_rigid = None if rigid is None else torque_apart(run, rigid, best)
-    torque, platform = torque_apart(run, best, best), None
+    from_rigid = None if rigid is None else torque_difference(run, rigid, best)
+    torque, platform = torque_difference(run, best, best), None
     if frame is not None:
         away = run.frame(frame).position - best.frame(frame).position
         platform = float(np.linalg.norm(away, axis=1).max())

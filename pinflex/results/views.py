@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.cards import card, grid
 from pinflex.description.blocks import torsion
 from pinflex.description.section import SHAPES, Section
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
+from pinflex.report import card, grid
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -196,10 +197,10 @@ class Event(NamedTuple):
 
 
 class View:
-    """What the views of a result share: `kind` for headings, `quantity` for `plot`."""
+    """What the views of a result share: their kind, and the keys of their arrays by attribute."""
 
-    kind = ""
-    shows: tuple[tuple[str, str], ...] = ()
+    kind: ClassVar[str] = ""
+    arrays: ClassVar[Mapping[str, str]] = {}
     result: Result
     name: str
 
@@ -209,11 +210,12 @@ class View:
 
     def _repr_html_(self) -> str:
         rows = []
-        for what, unit in self.shows:
+        for what, key in self.arrays.items():
             try:
                 values = getattr(self, what)
             except (DescriptionError, KeyError):
                 continue  # a result that does not store it
+            unit = self.result.unit(key.replace("NAME", self.name))
             rows.append((what, unit, str(np.shape(values)), f"{peak(values):.4g}"))
         heading = f"{self.kind} {self.name}, {self.result.level}"
         return card(heading, grid(("array", "unit", "shape", "largest"), rows))
@@ -225,10 +227,10 @@ class JointView(View):
 
     __repr__ = brief
     kind = "joint"
-    shows = (
-        ("position", "rad | m"), ("velocity", "rad/s | m/s"), ("acceleration", "rad/s^2 | m/s^2"),
-        ("torque", "N m | N"), ("reaction", "N, N m"),
-    )  # fmt: skip
+    arrays: ClassVar[Mapping[str, str]] = {
+        "position": "joint/q/NAME", "velocity": "joint/v/NAME", "acceleration": "joint/a/NAME",
+        "torque": "torque/NAME", "reaction": "reaction/NAME",
+    }  # fmt: skip
 
     def plot(self, ax: Axes | None = None) -> Any:
         """Draw the torque of a motor, or the position of another joint; returns the axes.
@@ -321,15 +323,10 @@ class FrameView(View):
     """One output frame of a result, in the world frame."""
 
     __repr__ = brief
-    kind, shows = (
-        "frame",
-        (
-            ("position", "m"),
-            ("rotation", ""),
-            ("velocity", "m/s, rad/s"),
-            ("acceleration", "m/s^2, rad/s^2"),
-        ),
-    )
+    kind = "frame"
+    arrays: ClassVar[Mapping[str, str]] = {
+        name: f"frame/NAME/{name}" for name in ("position", "rotation", "velocity", "acceleration")
+    }
 
     result: Result
     name: str
@@ -360,7 +357,11 @@ class LinkView(View):
     """Fields along one flexible link, in its beam frame unless said."""
 
     __repr__ = brief
-    kind, shows = "link", (("deflection", "m, rad"), ("resultant", "N, N m"), ("von_mises", "Pa"))
+    kind = "link"
+    arrays: ClassVar[Mapping[str, str]] = {
+        "deflection": "link/NAME/deflection", "resultant": "link/NAME/resultant",
+        "von_mises": "link/NAME/stress/von_mises",
+    }  # fmt: skip
 
     result: Result
     name: str
@@ -427,7 +428,7 @@ class LoopView(View):
     """Load of one loop joint: the action on the body of its frame b, in the world frame."""
 
     __repr__ = brief
-    kind, shows = "loop", (("wrench", "N, N m"),)
+    kind, arrays = "loop", {"wrench": "loop/NAME/wrench"}
 
     result: Result
     name: str

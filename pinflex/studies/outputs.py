@@ -12,6 +12,7 @@ from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.comparison import StressRow, cost_row, platform_row, stress_row
+from pinflex.results.quantities import joint_unit
 from pinflex.results.result import Result, peak, rms
 from pinflex.studies.checking.check import first_frequencies
 from pinflex.studies.study import yield_strengths
@@ -98,7 +99,7 @@ def prismatic(description: Description) -> frozenset[str]:
 def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
     """Unit of an output as a heading says it, "" where it has none."""
     if name.startswith("torque."):
-        return "N" if name.split(".", 2)[-1] in slides else "N m"
+        return joint_unit("torque", name.split(".", 2)[-1] in slides)
     return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
 
 

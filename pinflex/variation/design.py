@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.cards import Worded
 from pinflex.description.description import Description
-from pinflex.text import brief, number, table
+from pinflex.report import Report, Reported, Words, table
+from pinflex.text import brief, number
 from pinflex.variation.variants import write_scene
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _AT_BOUND = 1e-4  # the same of a bound
 
 
 @dataclass(frozen=True)
-class Design(Worded):
+class Design(Reported):
     """The best numbers of a scene.
 
     Attributes:
@@ -59,28 +60,27 @@ class Design(Worded):
     description: Description
     units: Mapping[str, str]
 
-    def text(self) -> str:
-        """Before and after, what limits the design and what a looser limit buys, for people."""
-        rows = [
-            [key, number(a), number(b), f"{100 * (b / a - 1):+.1f} %",
-             f"{number(lo)} to {number(hi)}"]
-            for key, a, b, (lo, hi) in zip(
-                self.parameters, self.first.tolist(), self.best.tolist(), self.bounds.tolist(),
-                strict=True,
-            )
-        ]  # fmt: skip
-        outputs = [
-            [name, self.units[name], number(self.before[name]), number(value),
-             f"{100 * (value / self.before[name] - 1):+.1f} %" if self.before[name] else "-"]
-            for name, value in self.after.items()
-        ]  # fmt: skip
-        return "\n".join([
-            self.sentence(), "",
-            table("Parameters, SI units", "key|before|after|change|bounds", rows, (44,)), "",
-            table("Outputs", "output|unit|before|after|change", outputs, (28, 8)), "",
-            *self._limited(),
-            f"{len(self.history)} designs; {sum(ok for *_, ok in self.history)} kept every limit.",
-        ])  # fmt: skip
+    def as_report(self) -> Report:
+        """Before and after, what limits the design and what a looser limit buys."""
+        columns = (self.first.tolist(), self.best.tolist(), self.bounds.tolist())
+        parameters = [*zip(self.parameters, *columns, strict=True)]
+        outputs = [(name, self.before[name], value) for name, value in self.after.items()]
+        both = (("before", itemgetter(1)), ("after", itemgetter(2)), ("change", _change))
+        count = (
+            f"{len(self.history)} designs; {sum(ok for *_, ok in self.history)} kept every limit."
+        )
+        return Report("design", (
+            Words(self.sentence()),
+            table(
+                "Parameters, SI units", parameters, ("key", itemgetter(0)), *both,
+                ("bounds", lambda row: " to ".join(map(number, row[3]))), names=(44,),
+            ),
+            table(
+                "Outputs", outputs, ("output", itemgetter(0)),
+                ("unit", lambda row: self.units[row[0]]), *both, names=(28, 8),
+            ),
+            Words("\n".join([*self._limited(), count])),
+        ))  # fmt: skip
 
     def sentence(self) -> str:
         """How much better, in one sentence."""
@@ -190,3 +190,8 @@ def kkt(
         if value > 1e-6:
             ends[int(k)] = float(value)
     return multipliers, ends, float(left) / size
+
+
+def _change(row: Sequence[Any]) -> str:
+    """Of a value after that before, in per cent."""
+    return f"{100 * (row[2] / row[1] - 1):+.1f} %" if row[1] else "-"

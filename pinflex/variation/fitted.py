@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.cards import Worded
 from pinflex.description.description import Description
-from pinflex.text import brief, number, plural, table
+from pinflex.report import Report, Reported, Words, table
+from pinflex.text import brief, plural
 from pinflex.variation.measured import Panel
 from pinflex.variation.variants import write_scene
 
@@ -24,7 +25,7 @@ _SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True)
-class Fit(Worded):
+class Fit(Reported):
     """Numbers of a scene that explain what was measured.
 
     Attributes:
@@ -78,22 +79,21 @@ class Fit(Worded):
         """Root of the sum of squared residuals over the freedom: 1 where they are as told."""
         return float(np.sqrt(np.sum(self.residuals**2) / max(self.freedom, 1)))
 
-    def text(self) -> str:
-        """Values, intervals, residuals, and what was not told, for people."""
-        rows = [
-            [key, number(a), number(b), f"{100 * (b / a - 1):+.2f} %", _interval(low, high)]
-            for key, a, b, (low, high) in zip(
-                self.parameters, self.first.tolist(), self.best.tolist(), self.intervals.tolist(),
-                strict=True,
-            )
-        ]  # fmt: skip
+    def as_report(self) -> Report:
+        """Values, intervals, residuals, and what was not told."""
+        columns = (self.first.tolist(), self.best.tolist(), self.intervals.tolist())
         confidence = "95 % confidence" + (", all at once" if self.simultaneous else "")
-        heads = f"parameter|before|fitted|change|{confidence}"
-        return "\n".join([
-            table("Parameters, SI units", heads, rows, (44,), last_is_text=True), "",
-            self.compared, "", *self.sentences(),
-            f"{plural(len(self.residuals), 'residual')}, {plural(self.solves, 'comparison')}.",
-        ])  # fmt: skip
+        count = f"{plural(len(self.residuals), 'residual')}, {plural(self.solves, 'comparison')}."
+        return Report("fit", (
+            table(
+                "Parameters, SI units", zip(self.parameters, *columns, strict=True),
+                ("parameter", itemgetter(0)), ("before", itemgetter(1)), ("fitted", itemgetter(2)),
+                ("change", lambda row: f"{100 * (row[2] / row[1] - 1):+.2f} %"),
+                (confidence, lambda row: _interval(*row[3])), names=(44,), prose=True,
+            ),
+            Words(self.compared),
+            Words("\n".join([*self.sentences(), count])),
+        ))  # fmt: skip
 
     def sentences(self) -> list[str]:
         """How well the scene explains the measurements, and what they do not tell."""

@@ -21,6 +21,7 @@ from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.pose_map import AXES, free_stiffness
+from pinflex.results.quantities import joint_unit
 from pinflex.results.result import Result
 from pinflex.studies.checking.parts import statics
 from pinflex.studies.outputs import prismatic, scene_outputs
@@ -47,7 +48,7 @@ def of_a_run(name: str) -> bool:
 def units(names: Iterable[str], description: Description) -> dict[str, str]:
     """Units of outputs by name, as in the head of this file; "" where there is none."""
     slides = prismatic(description)
-    each = {motor: "N" if motor in slides else "N m" for motor in description.actuated}
+    each = {motor: joint_unit("torque", motor in slides) for motor in description.actuated}
     return {name: _unit(name, each) for name in names}
 
 

@@ -16,6 +16,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,16 +24,16 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.reading.parameters import parameters
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
+from pinflex.report import Report, Reported, Words, table
 from pinflex.results.columns import Columns, column
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
-from pinflex.text import brief, number, table
+from pinflex.text import brief
 from pinflex.variation.variants import variants_of
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ _LEAST = 4  # rows of a sample
 
 
 @dataclass(frozen=True)
-class Scatter(Worded):
+class Scatter(Reported):
     """Random designs of a scene.
 
     Attributes:
@@ -151,34 +152,33 @@ class Scatter(Worded):
     first_error: Array
     total_error: Array
 
-    def text(self) -> str:
-        """Quantiles, and the share of each parameter in the variance, for people."""
+    def as_report(self) -> Report:
+        """Quantiles, and the share of each parameter in the variance."""
         rows = [
-            [
-                name,
-                self.table.units.get(name, ""),
-                *(number(float(x)) for x in (*self.quantiles[k], self.std[k])),
-            ]
+            (name, self.table.units.get(name, ""), *self.quantiles[k].tolist(), float(self.std[k]))
             for k, name in enumerate(self.outputs)
         ]
-        text = table("Scatter", "output|unit|5 %|median|95 %|std", rows, (36, 8))
-        parts = [
-            [
-                random.key,
-                *(
-                    f"{a:.2f} / {b:.2f}" if np.isfinite(a) else "-"
-                    for a, b in zip(self.first[:, k], self.total[:, k], strict=True)
-                ),
-            ]
-            for k, random in enumerate(self.distributions)
+        heads = ("output", "unit", "5 %", "median", "95 %", "std")
+
+        def share(k: int, output: int) -> str:
+            alone, together = self.first[output, k], self.total[output, k]
+            return f"{alone:.2f} / {together:.2f}" if np.isfinite(alone) else "-"
+
+        shares = [
+            (name, lambda k, output=output: share(k, output))
+            for output, name in enumerate(self.outputs)
         ]
-        heads = "|".join(("parameter", *self.outputs))
         worst = float(np.nanmax(self.total_error)) if np.any(np.isfinite(self.total_error)) else 0.0
-        return "\n".join([
-            text, "",
-            table("Share of the variance: alone / with interactions", heads, parts, (44,)), "",
-            f"Standard error of these shares: at most {worst:.2g}.", *self._sentences(),
-        ])  # fmt: skip
+        note = f"Standard error of these shares: at most {worst:.2g}."
+        return Report("scatter", (
+            table("Scatter", rows, *((head, itemgetter(k)) for k, head in enumerate(heads)),
+                  names=(36, 8)),
+            table(
+                "Share of the variance: alone / with interactions", range(len(self.distributions)),
+                ("parameter", lambda k: self.distributions[k].key), *shares, names=(44,),
+            ),
+            Words("\n".join([note, *self._sentences()])),
+        ))  # fmt: skip
 
     def as_json(self) -> dict[str, Any]:
         """Plain lists and names, SI units."""

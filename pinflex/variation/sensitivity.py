@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +13,15 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.cards import Worded
 from pinflex.description.description import Description
 from pinflex.description.reading.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
+from pinflex.report import Report, Reported, Words, table
 from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step
-from pinflex.text import brief, number, table
+from pinflex.text import brief, number
 from pinflex.threads import one_blas_thread
 from pinflex.variation.derivatives import extrapolated, of_frequencies
 from pinflex.variation.measures import (
@@ -42,7 +43,7 @@ _NONE = 1e-6  # a relative sensitivity that nobody would act on
 
 
 @dataclass(frozen=True)
-class Sensitivities(Worded):
+class Sensitivities(Reported):
     """Relative sensitivities d ln(output) / d ln(parameter) about one design.
 
     Attributes:
@@ -71,20 +72,24 @@ class Sensitivities(Worded):
         output, parameter = pair
         return float(self.table[self.parameters.index(parameter), self.outputs.index(output)])
 
-    def text(self) -> str:
-        """The table and a sentence on what matters, for people."""
-        rows = [
-            [key, number(float(value)), *(f"{x:+.3f}" for x in row)]
-            for key, value, row in zip(self.parameters, self.at, self.table, strict=True)
+    def as_report(self) -> Report:
+        """The table and a sentence on what matters."""
+        rows = [*zip(self.parameters, self.at.tolist(), self.table.tolist(), strict=True)]
+        outputs = [
+            (name, lambda row, k=k: row[2][k], "{:+.3f}".format)
+            for k, name in enumerate(self.outputs)
         ]
-        heads = "|".join(("parameter", "value", *self.outputs))
-        width = max(map(len, self.parameters))
         note = f"Errors of these numbers: at most {np.nanmax(self.error):.1g}."
-        title = "Change of an output [%] for one per cent more of a parameter"
-        shown = table(title, heads, rows, (min(width, 44),))
         if any(map(of_a_run, self.outputs)):
             note += " Peaks are found between the samples of a run, which may be a little lower."
-        return "\n".join([shown, "", self.sentence(), note, *self.remarks])
+        return Report("sensitivities", (
+            table(
+                "Change of an output [%] for one per cent more of a parameter", rows,
+                ("parameter", itemgetter(0)), ("value", itemgetter(1)), *outputs,
+                names=(min(max(map(len, self.parameters)), 44),),
+            ),
+            Words("\n".join([self.sentence(), note, *self.remarks])),
+        ))  # fmt: skip
 
     def sentence(self) -> str:
         """The parameter that matters most for each output."""

@@ -28,7 +28,7 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pinflex as pf
-from pinflex.advice.error_bars import free, outputs_apart
+from pinflex.advice.error_bars import free, output_differences
 from pinflex.errors import PinflexError
 from pinflex.results.error_bars import NONE
 from tests.scenes import Body, load
@@ -206,12 +206,12 @@ def row(name: str, keep: Path | None = None) -> Row:
         exact = run  # of its model
         if integrated:
             exact = kept(keep, f"{name}.time", lambda: first(robot, keys))
-            true["time"] = outputs_apart(run, exact, free(robot))
+            true["time"] = output_differences(run, exact, free(robot))
         if robot.parts:
             start = run.meta["settings"].get("start", "static")
             full = {**keys, "level": "coupled", "start": start, "tol": TOL}
             rich = kept(keep, f"{name}.model", lambda: richer(scene, robot, Path(at), full))
-            true["model"] = outputs_apart(exact, rich, free(robot))
+            true["model"] = output_differences(exact, rich, free(robot))
         told = {"time": dict(bars.time), "model": dict(bars.model)}
         cost = float(run.meta["cost"].get("steps", 0))
         notes = {"time": bars.time_note, "model": bars.model_note}

@@ -1,6 +1,15 @@
 """Every feature of the page in every window, light and dark, with the numbers of the run.
 
 A page is opened once a theme; a window is a change of size, as by a user.
+
+Claims:
+    Pages, pictures, figures
+    - at 1440x900, 390x844, 844x390, light and dark: nothing beyond the window or over something
+      else, names for a screen reader, keys, no violation of axe-core 4.14, nothing on the console |
+      none | none
+    - in the same six: levels switched, overlaid, subtracted; link panel; colours, peak, yield,
+      section forces; path, arrows; views, scale bar; curves by name, table, zoom; CSV, PNG, link =
+      Result | 3 digits of a text, 2e-4 of the largest of a run, 2e-6 m | passes
 """
 
 from __future__ import annotations

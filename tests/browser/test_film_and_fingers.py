@@ -1,4 +1,10 @@
-"""A film of the page, and the plots under a finger, on a phone held upright."""
+"""A film of the page, and the plots under a finger, on a phone held upright.
+
+Claims:
+    Pages, pictures, figures
+    - the film of a page is a WebM of the drawing, as long as the motion | 0.8 to 3 s for 1 s |
+      passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""A link opened by a click: stress and section forces along it, one of them over time; its CSV."""
+"""A link opened by a click: stress and section forces along it, one of them over time; its CSV.
+
+Claims:
+    Pages, pictures, figures
+    - diagrams of a link = Result: von Mises, N V M along x, over time; CSV | 1.3e-4 of the largest
+      of the run | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""What a page holds, without a browser: size, policy, names, extremes."""
+"""What a page holds, without a browser: size, policy, names, extremes.
+
+Claims:
+    Pages, pictures, figures
+    - a page of 121 instants and six links; of 1200 instants | 1 MB, 1 s; 3 MB, 1 s (2 and 8 MB
+      wanted) | 3rrs: 0.77 MB in 0.04 s; 2.2 MB in 0.3 s
+    - longer runs, or many links: fewer instants, extremes kept, said on the page | extremes exact,
+      8 MB | exact
+"""
 
 from __future__ import annotations
 

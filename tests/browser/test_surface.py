@@ -1,4 +1,10 @@
-"""Links that were solved as solids show the stress on the surface of their mesh."""
+"""Links that were solved as solids show the stress on the surface of their mesh.
+
+Claims:
+    Pages, pictures, figures
+    - stress on the surface of a solid: colours, legend, worst point, hover | 1e-5 of the largest |
+      passes
+"""
 
 from __future__ import annotations
 

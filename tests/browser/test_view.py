@@ -1,4 +1,16 @@
-"""The page as a user meets it: in a real browser, from a file, without a network."""
+"""The page as a user meets it: in a real browser, from a file, without a network.
+
+Claims:
+    Pages, pictures, figures
+    - a page opens at rest where the platform is furthest from rigid; the peak names link, stress,
+      share of yield | 1e-7 s; exact | passes
+    - no request, no foreign script; names are no markup | - | -
+    - magnification is linear; joints stay joined at x200 and between instants | 1e-6 m, 1e-5 m |
+      passes
+    - legend, values, hover, plots, deviation, worst instant = Result | 1e-6 to 3 digits | passes |
+      also `browser/test_features.py`
+    - equal pictures at equal times and from equal addresses | pixel by pixel | equal
+"""
 
 from __future__ import annotations
 

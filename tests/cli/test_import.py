@@ -1,4 +1,12 @@
-"""`pinflex import`, `new` and `schema`: what they write loads, and says its guesses."""
+"""`pinflex import`, `new` and `schema`: what they write loads, and says its guesses.
+
+Claims:
+    Equations
+    - what `import` writes loads as it is and runs at every level; guessed widths of a cylinder and
+      a box | what is drawn | 1 % | 0.2 %
+    - the shipped models are valid by the JSON Schema, slips are not; every key of models/README.md
+      is in it | jsonschema | exact | exact
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""What a command survives: signals, files that are none, full disks, slips of units, bombs."""
+"""What a command survives: signals, files that are none, full disks, slips of units, bombs.
+
+Claims:
+    Bad input, costs, signals
+    - SIGTERM and SIGHUP save the run; checkpoints give the run that goes through; links followed,
+      pipes refused; a full disk leaves the old file | - | 1e-6 in eta | 2e-7
+    - steps, instants, segments, elements, merges and archives that cannot fit are refused before
+      they are paid; mm for m; `limit` and `allow` lift it | - | exact | passes
+    - dead loads without gravity: strip under 24 N of thrust | `pf.modes` | 1e-3 Hz | 2.5109
+    - payload of 6e9 beams: first frequency | closed form | 1e-7 | 1e-9
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,15 @@
-"""`pinflex sweep` and `pinflex map`: files, failures, a kill and a restart, Ctrl-C, a cluster."""
+"""`pinflex sweep` and `pinflex map`: files, failures, a kill and a restart, Ctrl-C, a cluster.
+
+Claims:
+    Many cases
+    - a sweep's row = the run with the same overrides | `solve` | 0 | 0
+    - SIGKILL after 5 of 16 cases, same command again: 16 lines, none lost or repeated | - | exact |
+      exact
+    - Ctrl-C: what is done is in journal and table, exit code 130 | - | exact | exact
+    - a case that fails, or kills its process, costs its own row | - | exact | exact | also
+      `unit/studies/test_batch.py`
+    - csv = parquet; a Dask cluster gives the same table | - | exact | exact
+"""
 
 from __future__ import annotations
 

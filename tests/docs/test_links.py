@@ -1,4 +1,9 @@
-"""Links between the Markdown files of the repository lead to files and headings that exist."""
+"""Links between the Markdown files of the repository lead to files and headings that exist.
+
+Claims:
+    Documentation, other systems
+    - links between Markdown files lead to files and headings | the files | all | all
+"""
 
 from __future__ import annotations
 

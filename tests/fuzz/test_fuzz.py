@@ -1,4 +1,11 @@
-"""The first two hundred mangled inputs: one clear error or a right result answers each."""
+"""The first two hundred mangled inputs: one clear error or a right result answers each.
+
+Claims:
+    Bad input, costs, signals
+    - 200 mangled YAMLs, URDFs, overrides, stored runs, commands and calls (`python -m tests.fuzz
+      3000` for more): a right result or one clear line, none over 20 s without progress or over 2
+      GB | - | 0 faults | 0
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""solve(tol=) on scenes that are not smooth, not simple, or not there: right, or said."""
+"""solve(tol=) on scenes that are not smooth, not simple, or not there: right, or said.
+
+Claims:
+    Tolerances, collocation
+    - switching loads, sleeves (point, 3 cm), motors that push, a free top | same | 3 tol; order 2
+      for the top | passes; 2.0
+    - singular pose by name; times of 1e-6 and 1e6 s | - | 1e-6 m | passes
+    - no motion at all, on loops | 0 | 1e-9 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Where a run starts: in equilibrium wherever something acts, straight where there is none."""
+"""Where a run starts: in equilibrium wherever something acts, straight where there is none.
+
+Claims:
+    Hard cases
+    - by default nothing moves while the motors stand still, ked and coupled; straight rings | - |
+      1e-9 m of a 3 mm sag | passes
+    - an acceleration that jumps starts from the sag at rest; a motion at speed from the balance
+      with its inertia | quasistatic | 1e-12 | passes
+    - no stable equilibrium, falling freedoms: straight, with the reason; static is refused and
+      names straight | race_r2, thinner | exact | passes
+"""
 
 from __future__ import annotations
 

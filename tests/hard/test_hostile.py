@@ -1,4 +1,10 @@
-"""Input that nobody means: it gets one sentence, at once, and nothing it names is run or lost."""
+"""Input that nobody means: it gets one sentence, at once, and nothing it names is run or lost.
+
+Claims:
+    Hard cases
+    - a kernel library cut short or overwritten is left alone; cells of a CSV that a spreadsheet
+      would compute are text; tags that lie, names too long, endless shapers | - | refused | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,19 @@
-"""Freedoms that nothing hangs on: found, held, and without effect on anything else."""
+"""Freedoms that nothing hangs on: found, held, and without effect on anything else.
+
+Claims:
+    Hard cases
+    - rod between balls, of three hinges or one: torques, sag and frequencies of the one on a cross,
+      all levels | same machine | 2e-5 (inertia about its axis); rigid without it 1e-12 | passes
+    - its rigid torques and the couple that holds it = rnea = S tau + J' lam + N mu | Pinocchio |
+      1e-12 | passes
+    - a rod whose hinges miss each other by 0.2 mm is held as nearly idle: its torques are those of
+      the exact one | the exact one | 4e-3 | 1.4e-3
+    - no singular pose where a motor on a hinge of the ball has one; two halves welded by a loop are
+      one rod | ball | 1e-10 | passes
+    - balanced wheel held, let go by coupled; massless ball without effect; free base held but by
+      coupled | closed form | 1e-9; 1e-12; 1e-8 | passes
+    - pendulums, governor, door on two hinges: still refused | - | exact | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Axial load near and beyond buckling, speeds beyond divergence: right, or said."""
+"""Axial load near and beyond buckling, speeds beyond divergence: right, or said.
+
+Claims:
+    Hard cases
+    - axial load -0.8 to 0.999 of buckling; imaginary from 1 + 1e-6 on | 1e-5 / (1 - share) | passes
+    - an equilibrium on an unstable branch is said to be (`UnstableWarning`, quasistatic, `check`) |
+      between 1 -+ 1e-5 of Euler's load | exact
+    - a linear body beyond its divergence speed is warned of, with ratio and time | - | passes |
+      also `hard/test_validity.py`
+"""
 
 from __future__ import annotations
 

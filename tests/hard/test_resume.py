@@ -1,4 +1,13 @@
-"""A run stopped and resumed gives the numbers of the run that was not."""
+"""A run stopped and resumed gives the numbers of the run that was not.
+
+Claims:
+    Hard cases
+    - stopped and resumed = in one run, R1 and R2 (Newton at 1e-10) | 3e-7 | torque 3e-8, 1e-12;
+      multipliers 7e-8, 9e-10; with Newton at 1e-7 torque 1e-7, 2e-7, multipliers 3e-7, 2.5e-6
+    - resumed without the stored algorithmic acceleration (older file, other step): a consistent
+      restart, torque of R2 | order > 1.5 | 3.8e-9 at 0.4 ms, order 3.1
+    - Ctrl-C keeps the run; another model, level or grid is refused | - | passes
+"""
 
 from __future__ import annotations
 

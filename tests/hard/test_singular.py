@@ -1,4 +1,18 @@
-"""Singular poses are named, redundant loops are solved: no wrong number, no traceback."""
+"""Singular poses are named, redundant loops are solved: no wrong number, no traceback.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - a run goes on beyond a pose that is singular for the rigid mechanism only, whose poses are
+      left out and said | - | 1e-9 (closed) | passes
+    Hard cases
+    - type 2: lost command named with its time, three levels; race_r2's singular variant | 0.02 rad;
+      <= 0.103 s | passes
+    - type 1, end of reach; a singular home; coupled through a lost command | named error | passes
+    - change points of a free four-bar, 5 s at 1 ms | 2e-6 m | 2e-7
+    - plane four-bars in 3-D: six redundant rows, motion as without, reactions flagged | 1e-9 |
+      passes
+    - Bricard: rank 4 of 5 along the path | 1e-9 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Starts that are not nice: loads that come at once, motions that start inconsistent, no motion."""
+"""Starts that are not nice: loads that come at once, motions that start inconsistent, no motion.
+
+Claims:
+    Hard cases
+    - gravity at once rings to twice the sag; static start stays; start at speed; no motion | 5 %;
+      1e-9 m; -; 1e-9 | passes
+"""
 
 from __future__ import annotations
 

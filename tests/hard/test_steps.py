@@ -1,4 +1,15 @@
-"""Step sizes, dissipation and long runs: conditioning, multipliers without zig-zag, no drift."""
+"""Step sizes, dissipation and long runs: conditioning, multipliers without zig-zag, no drift.
+
+Claims:
+    Hard cases
+    - conditioning from 1e-2 to 1e-10 s: a plateau | 1.01 | 4.6e5, 1.1e6, 6e7 (race_r1, race_r2,
+      3rrs)
+    - rho_inf 0 to 0.95: multipliers without zig-zag; 1: it is there and warned of | 1e-3 | passes;
+      2 to 3 %
+    - 1e5 steps do not drift off the loop (a gap that grows would show) | 1e-10 m | passes
+    - a step that resolves nothing ends in advice; a state ten lengths off never is an answer |
+      named error | passes | also `hard/test_resume.py`
+"""
 
 from __future__ import annotations
 

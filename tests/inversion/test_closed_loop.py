@@ -1,4 +1,20 @@
-"""Digital controllers on the coupled level, against discrete-time systems solved apart from it."""
+"""Digital controllers on the coupled level, against discrete-time systems solved apart from it.
+
+Claims:
+    Commands: motions that the platform follows
+    - digital PD on a mass, delays of 0 to 2.5 samples | exact discrete system | 1e-12 | 5e-14
+    - the same on the kernel, beside a flexible arm, with at most 2.2 steps a hold; a ur5 under a
+      PID at 1 kHz with and without the kernel | exact discrete system; numpy, every hold begun anew
+      | 1e-9; 1e-4 (the tolerance) | passes
+    - `control` with `period` in the YAML: PID with limit and delay; motion followed with the rigid
+      torque | law as a loop on the exact discrete mass; a controller made in Python from the
+      motion's formula | 1e-12; 1e-6 rad | passes; 1e-9
+    - a transfer function as law, continuous or discrete, with a delay | python-control's closed
+      loop | 1e-7 | passes
+    - flexible arm on a hub under a digital law: hub and tip | discrete linear model | 1e-5 | passes
+    - torque limit holds; the PID's integral does not wind up | loop on the exact discrete mass |
+      1e-9 | passes; overshoot 0.29 for 1.86 rad
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Commands through elastic drives, as a line of the YAML or as a passive joint with a spring."""
+"""Commands through elastic drives, as a line of the YAML or as a passive joint with a spring.
+
+Claims:
+    Commands: motions that the platform follows
+    - elastic joint: motor angle, torque | closed form (Spong 1987) | 1e-8 | 6e-13, 4e-10
+    - delta with elastic drives, Adept cycle 25, 305, 25 mm in 0.3 s, instants chosen by the
+      command: error and residual swing over those of the rigid command | forward run | 1e-4 |
+      passes; links as shipped 5e-7, 8e-6 (225 instants, 14 s of CPU), links alone 2e-7, 9e-6 (301,
+      25 s)
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""`pinflex frf`: a beam on a hub in closed form, zeros, and measured responses."""
+"""`pinflex frf`: a beam on a hub in closed form, zeros, and measured responses.
+
+Claims:
+    Commands: motions that the platform follows
+    - frequency response of a beam on a hub; its zero in the right half plane | closed form
+      (Euler-Bernoulli) | 2e-3 beside poles, 1e-6; 1e-3 | passes
+    - coherence of a noisy record; a response written and read back | powers of signal and noise |
+      0.03 | passes
+"""
 
 from __future__ import annotations
 

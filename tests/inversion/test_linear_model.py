@@ -1,4 +1,12 @@
-"""Linear models against modes, statics, a small coupled run and closed forms."""
+"""Linear models against modes, statics, a small coupled run and closed forms.
+
+Claims:
+    Commands: motions that the platform follows
+    - linear model: poles = modes; static gain = compliance however few modes; zeros = clamped beam
+      | modes, statics, closed form | 1e-7; 1e-6; 1e-4 | passes
+    - linear model: small quick motion = coupled run; python-control has the same response | coupled
+      level; python-control | 1e-4; 1e-9 | passes
+"""
 
 from __future__ import annotations
 

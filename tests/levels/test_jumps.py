@@ -1,4 +1,10 @@
-"""Level ked where accelerations jump between its steps, against the exact answer."""
+"""Level ked where accelerations jump between its steps, against the exact answer.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - ked where accelerations jump, on and between steps: second order, states and force | sum of
+      step responses | 4e-4; ratios above 3.5 | 3.2e-4; the first order had 8.8e-4
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,16 @@ hardly anything rings and the levels differ by what they leave out:
     quasistatic - rigid    the deflection itself                         1/E
     ked - quasistatic      inertia of the deflection, K^-1 M d'' ~ 1/E^2     1/E^2, 1/T^4
     coupled - ked          products of deflections                       1/E^2
+
+Claims:
+    Levels, energy, steps
+    - quasistatic -> rigid, bending and torque like 1/E | -1 +- 0.1, 0.15 | -1.01, -1.08
+    - the platform's deviation (foreshortening) like 1/E^2 | -2 +- 0.05 | -1.99
+    - rigid and quasistatic feel a load from when it acts | 0 before; 1e-3 | passes (rigid used to
+      take it at t = 0)
+    - ked -> quasistatic: bending 1/E^2, torque 1/E; 1/T^4 as the motion slows | -2 +- 0.2, -1 +-
+      0.15, -4 +- 0.4 | -2.14, -1.11, -4.27 and -4.22
+    - coupled -> ked: platform 1/E^2, bending at least that | -2 +- 0.1, < -2 | -2.06, -2.63
 """
 
 from __future__ import annotations

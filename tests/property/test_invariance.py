@@ -1,4 +1,14 @@
-"""What no robot may break, on robots nobody chose: symmetry, frames, units, order, time."""
+"""What no robot may break, on robots nobody chose: symmetry, frames, units, order, time.
+
+Claims:
+    Invariances, a second opinion, workspaces
+    - mass symmetric and positive; T = v' M v / 2; power of all forces = rate of all energies | - |
+      1e-13; 1e-12; 1e-7 | passes
+    - place and heading of the robot, mirror: the same forces | - | 1e-11 | passes
+    - order of links in the file, of loops; units (in scenes that `allow` any size) | - | 1e-10;
+      1e-10 rad; 1e-9 | passes
+    - a swing run backwards comes back | trapezoidal rule | 1e-6 of its size | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Race scene R2, a spatial 3-RRS under gravity: converges with the step and with the modes."""
+"""Race scene R2, a spatial 3-RRS under gravity: converges with the step and with the modes.
+
+Claims:
+    Levels, energy, steps
+    - R2: order in the step of position, rotation, torque, root moment, eta, multipliers | 2.04 +-
+      0.15 / 0.5 | 2.04 2.04 2.04 2.04 2.04 2.41
+    - R2: torque with 0, 1, 2, 3 internal modes: order 3 in the number of shapes | < -2.5 | 1.4e-3
+      5.2e-4 1.9e-4 6.4e-5; -3.3
+    - R2 with 1.5 mm links and four times the move: singular pose named before 0.103 s | <= 0.1035 s
+      | passes | also `unit/actuation/test_nominal.py`
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,11 @@
 Every rigid body has absolute coordinates (x, y, angle); each thin link is a chain of rigid pieces
 joined by pins and rotational springs EI/(L/n); all pins are closures; scipy integrates index 1 with
 Baumgarte feedback. No joint angles, no modes, no recursive dynamics, no alpha scheme.
+
+Claims:
+    Invariances, a second opinion, workspaces
+    - a 3-RRR as chains of rigid pieces in absolute coordinates: torque, bending, platform's
+      deviation | scipy, index 1 | 3e-4, 1e-2, 3e-2 of the peak | 3.8e-5, 3.8e-4, 1.3e-3
 """
 
 from __future__ import annotations

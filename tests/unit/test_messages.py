@@ -1,4 +1,10 @@
-"""The messages of bad input are part of the interface: they stay as they were written down."""
+"""The messages of bad input are part of the interface: they stay as they were written down.
+
+Claims:
+    Equations
+    - messages of over 300 bad inputs: files, options of `solve`, sections, materials, motions |
+      `golden/messages.txt` | text | exact
+"""
 
 from __future__ import annotations
 

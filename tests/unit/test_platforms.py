@@ -1,4 +1,13 @@
-"""Other systems and smaller installations: locks, alarms and imports without what may be absent."""
+"""Other systems and smaller installations: locks, alarms and imports without what may be absent.
+
+Claims:
+    Documentation, other systems
+    - every public name loads, 3rrr is solved, without fcntl, resource, matplotlib, pillow, meshcat
+      | a process that cannot import them | runs | runs
+    - files are locked, alarms ring, as Windows has them | a stand-in of msvcrt; no alarm signal |
+      as on Linux | as on Linux; never run on Windows
+    - bash completes commands, options, models and files | bash itself | offered | offered
+"""
 
 from __future__ import annotations
 
@@ -13,7 +22,7 @@ from types import SimpleNamespace
 import pytest
 
 from pinflex.__main__ import build_parser
-from pinflex.cli import checkpoint, completion
+from pinflex.cli import checkpoint, files
 from pinflex.errors import DescriptionError
 from pinflex.writing import lock
 
@@ -135,14 +144,14 @@ def test_bash_completes_commands_options_models_and_files(
 ) -> None:
     pytest.importorskip("shtab")
     script = tmp_path / "pinflex.bash"
-    script.write_text(completion.script(build_parser(), "bash"))
+    script.write_text(files.script(build_parser(), "bash"))
     monkeypatch.chdir(tmp_path)
     Path("own_robot.yaml").touch()
     assert {"command", "compare", "completion"} <= {*answers(script, "pinflex", "com")}
     assert "--until" in answers(script, "pinflex", "solve", "--u")
     assert {"3rrr", "3rrs"} <= {*answers(script, "pinflex", "solve", "3rr")}
     assert "own_robot.yaml" in answers(script, "pinflex", "solve", "own")
-    assert "_pinflex_models" in completion.script(build_parser(), "zsh")
+    assert "_pinflex_models" in files.script(build_parser(), "zsh")
 
 
 def test_without_its_package_completion_says_what_to_install(
@@ -150,4 +159,4 @@ def test_without_its_package_completion_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(DescriptionError, match=r"pip install \"pinflex\[completion\]\""):
-        completion.script(build_parser(), "bash")
+        files.script(build_parser(), "bash")

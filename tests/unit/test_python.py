@@ -1,4 +1,12 @@
-"""Python as its users write it: natural names, plots, tables, progress, short tracebacks."""
+"""Python as its users write it: natural names, plots, tables, progress, short tracebacks.
+
+Claims:
+    Equations
+    - natural guesses of users work: plot, tables, names in brackets, motion(t), compare, check,
+      with_ | users' list of 18 | each | pass
+    - an error shows the user's line, the boundary and the message | lines of a script's stderr; of
+      IPython's | 7; 15 | 6; 9
+"""
 
 from __future__ import annotations
 

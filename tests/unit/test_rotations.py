@@ -1,4 +1,10 @@
-"""Rotation vectors, quaternions and Euler angles against those of scipy."""
+"""Rotation vectors, quaternions and Euler angles against those of scipy.
+
+Claims:
+    Pages, pictures, figures
+    - rotation vectors, quaternions, Z-Y-X angles and their rates | scipy | 1e-12 near half a turn,
+      else 1e-14; rates 1e-8 (differences) | passes
+"""
 
 from __future__ import annotations
 

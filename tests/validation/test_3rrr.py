@@ -3,6 +3,22 @@
 Numbers: scenes 3.5, 6.2 and 7 (rows 5, 6, 10), computed from the article's data with J_B = 0 where
 nothing else is said. The article's own 104.5 Hz is the r = 1 row, its measured 103.1 Hz the exact
 pinned-pinned frequency; its 288.6 Hz and its torque limit of 20 N m are not reproducible.
+
+Claims:
+    Machines
+    - 3rrr: rigid torque peaks 7.90, 10.83, 8.26 N m | Newton-Euler | 0.5 % | 0.11, 0.05, 0.15 %
+      (0.006 N m with the elbow inertia of the source)
+    - at 50 pi: 197.5, 270.8, 206.4 N m | same | 0.5 % | 0.1 %
+    - motors locked: 103.37 x 3, 413.5 x 3 Hz | closed form | 0.3 % | 1.4e-7, 1.8e-5 as it ships (4
+      internal modes); with 2 modes 0.03 %, 0.42 % (0.5 % accepted)
+    - one link on a pin, far end free / pinned, J_B = 0: 161.48, 523.31 / 103.37, 413.48 Hz |
+      transcendental | 0.1 % | 3e-5 (printed digits)
+    - the same, J_B = 2.2e-3: 40.18, 231.34 / 13.87, 162.29 Hz | transcendental | 0.2 % | 2e-4
+      (printed digits); 1e-8 of the closed form (far end free)
+    - pinned-free modes r = 1, 2, 4: 105.72; 104.01, 424.3; 103.50, 415.5 Hz | Ritz | 0.2 % | 0.01 %
+    - elbow inertia 2.2e-6, 2.2e-5, 2.2e-3 kg m^2 | transcendental | 0.2 % | 0.02 %
+    - 3rrr as it ships, from equilibrium at full speed: platform off by 2.484 um, one segment or two
+      | two segments | 0.1 % | 0.03 % (2.61 um from a straight start)
 """
 
 from __future__ import annotations

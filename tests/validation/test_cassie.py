@@ -1,4 +1,11 @@
-"""Cassie as example-robot-data installs it: loops, motors, and its leaf springs by hand."""
+"""Cassie as example-robot-data installs it: loops, motors, and its leaf springs by hand.
+
+Claims:
+    Machines
+    - cassie: 10 motors, 4 leaf springs; heel spring alone; all four frequencies (11.8, 28.8 Hz);
+      foot shakes by 0.5 to 5 mm after a squat | sqrt(k / I) by hand; Pinocchio, loops and null
+      space | 1e-6; 1e-4 | passes
+"""
 
 from __future__ import annotations
 

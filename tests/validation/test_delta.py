@@ -2,6 +2,13 @@
 
 The frame (tests/frame.py, tests/delta_frame.py) shares no code with pinflex: direct stiffness,
 three beams an arm and six a rod, poses by hand. Both leave out shear and rotary inertia.
+
+Claims:
+    Machines
+    - delta: compliance and stiffness of the plate in six directions, sag, eight frequencies,
+      quasistatic deviation at six instants | space frame by direct stiffness (`frame.py`,
+      `delta_frame.py`), poses and inertia forces by hand | 1 % | 4e-4, 5e-5, 1.3e-3, 1e-3
+    - delta: rigid torques | virtual work in the place of the plate | 1e-3 | 2e-4
 """
 
 from __future__ import annotations

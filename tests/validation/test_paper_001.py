@@ -2,6 +2,13 @@
 
 0.2246 and 0.1053 N m belong to the four numbers that the lost trajectory was fitted to: fitted, not
 reproduced. The rest is checked against independent balances.
+
+Claims:
+    Machines
+    - 2017: moment at B3 0.2246, mean 0.1053 N m (the path is a fit to these) | the article | 2.5 %
+      | 2.2 %, 0.4 %
+    - nodal forces meet motors, knees, balls; shaking force two ways | balance | 2e-6 N; 1e-12 |
+      passes
 """
 
 from __future__ import annotations

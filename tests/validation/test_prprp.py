@@ -2,6 +2,24 @@
 
 Numbers: scenes 5, 6.3 and 7 (rows 19, 20, 25, 26). The paper shows curves only; these are our own
 analyses of what it states (models/prprp/SOURCE.md).
+
+Claims:
+    Machines
+    - prprp: four frequencies, point / 3 cm | beam elements | 0.1 % / 0.05 % | 0.006 % / 0.045 %
+    - static tip, F_A, F_p; 3 cm | statics | 0.1 % | 1e-5; 0.08 %
+    - w(0), w(x_p) along six runs | 0 | 1e-10 m | 8e-13 m
+    - elements against modes, 1 s, point, cases 1 to 3 | - | 1e-4 m | 9e-6 m
+    - the same, 3 cm, 24 elements, 50 modes | - | 1e-4 m | 3.1e-5 m
+    - 3 cm, case 1, 30 / 50 / 80 modes against 100 cubic elements | exact in time | > 1e-3 / 1.5e-4
+      / 1e-4 m | 3.0e-3 / 1.36e-4 / 8.5e-5 m: 50 modes are not enough
+    - a tenth of the load: the coupled run is that sum of modes | exact in time | 1e-5 m | 6e-6 m
+    - clamped-root elements differ with the cube of the load | - | 3 +- 0.3 | 3.00; 2.1e-4 m under
+      the full load
+    - `third_order`: nonlinear part of the tip after 1 s, case 1, point (second order: +146 um) |
+      chain of exact kinematics: -107 um | 26 um | -84 um: the sleeve's contact is of second order
+    - case 4: vibration above 4 Hz, undamped against controlled | the project | > 25 | 37.7
+    - forces as printed grow at 50 modes, transposed ones do not | own analysis | > 1e4, < 1e-2 1/s
+      | 8.2e4, 0
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""An arm from example-robot-data with two elastic links: what stiffness and payload do to it."""
+"""An arm from example-robot-data with two elastic links: what stiffness and payload do to it.
+
+Claims:
+    Machines
+    - ur5: torque and pose of the balanced arm tend to rigid like 1/E | - | +- 0.03 | 1.00
+    - frequencies like sqrt(E); fall with payload | - | 1e-9; monotone | 46.4 Hz empty, 34.6 Hz with
+      5 kg
+"""
 
 from __future__ import annotations
 

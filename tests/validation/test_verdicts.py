@@ -2,6 +2,12 @@
 
 The rest of the scenes, among them a UR10 with gears and a Panda with its gripper, takes minutes:
 `python -m tests.benchmarks.verdicts`.
+
+Claims:
+    Advice
+    - compare and advise never contradict each other, and a proposal keeps its tolerance against a
+      finer run or says NOT REACHED: a five-bar, a Panda with its gripper; `python -m
+      tests.benchmarks.verdicts` for all | a third of what is allowed | passes
 """
 
 from __future__ import annotations

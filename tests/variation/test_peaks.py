@@ -1,4 +1,18 @@
-"""Sensitivities of the peaks of runs: a closed form, and designs run anew in steps of their own."""
+"""Sensitivities of the peaks of runs: a closed form, and designs run anew in steps of their own.
+
+Claims:
+    Derivatives, designs, scatter, fits
+    - a cantilever pushed at its tip: its largest deflection goes with E^-1, thickness^-3, rho^0,
+      its stress with thickness^-2, however many modes ring | closed form (similarity of the
+      equations) | 1e-5; covered by what is told | 1e-9 and 4e-6
+    - peaks of coupled runs (deviation, torque, stress): delta, 3rrr, the first 0.1 s of 3rrs, ur5
+      with drives | designs run anew, each in steps of its own, peaks off its own samples | 1e-3;
+      covered by what is told | 1e-6 on delta; on 3rrr 2e-6, 4e-5, 4e-6 (4e-3 with steps ten times
+      as rough)
+    - 3rrr without its damping: what nothing damps and no step resolves is said | - | said | said
+    - which peak takes over at which change: delta | runs on both sides of it | 1e-3 s | passes
+    - quasistatic peaks: 47 samples give the derivatives of 401 | - | 1e-5 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Random designs: indices of a linear case in closed form, distributions, resume."""
+"""Random designs: indices of a linear case in closed form, distributions, resume.
+
+Claims:
+    Derivatives, designs, scatter, fits
+    - Sobol indices of a linear case; of a log-linear one by 400 designs, 8 seeds; of an interaction
+      | closed form | 1e-12; 0.02; 3 standard errors | passes
+    - a cantilever's frequencies scatter as its formula says | closed form | - | passes
+    - stopped and resumed: the same table | - | exact | exact
+"""
 
 from __future__ import annotations
 

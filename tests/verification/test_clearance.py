@@ -1,4 +1,12 @@
-"""Pins with clearance: Hertz's blow, restitution by another integrator, the ideal joint."""
+"""Pins with clearance: Hertz's blow, restitution by another integrator, the ideal joint.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - a pin's blow: duration, depth, restitution (Flores; Lankarani and Nikravesh) | Hertz's
+      integral; DOP853 | 1e-6 | 2e-7
+    - a pendulum on a loose pin; the 3-RRR with loose pins | the ideal joint; energy | order 1
+      within 0.2; 1e-6 | 1e-7
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Backlash, stops, cables and tables against closed forms and matrix exponentials."""
+"""Backlash, stops, cables and tables against closed forms and matrix exponentials.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - bouncing ball, mass between two stops, 1000 bounces without loss, bounces without end | closed
+      forms | 1e-10 of instants, impulses, losses; 1e-11 of the energy | 2e-13
+    - a gear with backlash; backlash to 0; stiff stops to rigid ones | matrix exponentials between
+      flanks | 1e-8; slopes 1 within 0.02 | 6e-13; 1.00
+    - a cable that pulls only; all laws of pieces, forces, tangents, energies | parabola and swing;
+      the plain reference | 1e-9; 1e-12, tangents 1e-7 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Joints that follow others: mimic tags of public robots, gears against closed forms."""
+"""Joints that follow others: mimic tags of public robots, gears against closed forms.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - mimic and `follows`: motors, mobility, positions and torques of 6 public robots (panda, talos,
+      romeo, ...) | Pinocchio's rnea, summed over what a motor moves | 1e-12 | 2e-16
+    - geared pendulums: swing, torque beyond a turn, frequency of a spring behind a gear | equation
+      of one angle, scipy | 1e-6 rad, 1e-10, 1e-10 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Beams along arcs and polylines against Castigliano's theorem."""
+"""Beams along arcs and polylines against Castigliano's theorem.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - beams along an arc and a polyline: compliance of a quarter ring in and across its plane, of a
+      bent lever; order 2 | Castigliano | 1e-4 (extrapolated), 1e-9 | passes
+"""
 
 from __future__ import annotations
 

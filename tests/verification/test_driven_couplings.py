@@ -1,4 +1,11 @@
-"""Two wheels on gears behind one elastic drive: vibration, friction, torques in closed form."""
+"""Two wheels on gears behind one elastic drive: vibration, friction, torques in closed form.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - two wheels on gears behind one elastic drive: frequencies, response, friction of both at the
+      motor, command, sensitivity to the ratio | closed form; the run itself | 1e-6 to 1e-11; 1e-5
+      rad of a command | passes
+"""
 
 from __future__ import annotations
 

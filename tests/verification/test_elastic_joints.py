@@ -1,4 +1,13 @@
-"""Passive joints with a spring: held at rest by level rigid, elastic at every other."""
+"""Passive joints with a spring: held at rest by level rigid, elastic at every other.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - shares of springs in the energy of a mode | k x^2 of the eigenvectors | 1e-9 | passes
+    - elastic joint: angle under gravity, frequency with and without preload, sag, holding torque |
+      closed form | 1e-12, 1e-10 | passes
+    - elastic joint: every level tends to rigid like 1/k (k^-1/2 where the jerk jumps); rigid = rnea
+      | limit; Pinocchio | slope +- 0.1; 1e-12 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""Formulas of the textbook behind single outputs: stress, forces, work, shapers, rotations."""
+"""Formulas of the textbook behind single outputs: stress, forces, work, shapers, rotations.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - bending adds to tension and to compression; second strength theory in pure torsion, (1 + nu)
+      t; twist of a shaft that spins up, rho Ip a (L - x); weight, load and their moments on the
+      frame | textbook; statics | 1e-12; 1e-6 | passes
+    - a tee under pull or push and bend: N / A - M z / I at the foot or the flange | statics | 1e-6
+      | passes
+    - von Mises of a shaft; root moment with the arm of the bent beam; work of a load that turns,
+      order of the rule; damped EI shaper; second order of three turns | textbook; statics;
+      quadrature; differences | 1e-12; 1e-6; 4; 4 % of 5 %; 1e-4 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""A satellite: a hub and two flexible panels, free in space, against a finite-element beam."""
+"""A satellite: a hub and two flexible panels, free in space, against a finite-element beam.
+
+Claims:
+    Levels, energy, steps
+    - a satellite's first four frequencies, `check`, `modes`, `idle: free`, their sensitivity to E |
+      own Hermite beams on a free hub | 1e-3 | 2e-5
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""The ground as a frame of a loop: robots on a free base that stand on their feet."""
+"""The ground as a frame of a loop: robots on a free base that stand on their feet.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - a leg on a free base, its foot welded to the ground = the leg built on the ground, every level
+      | second formulation | 1e-12; 2e-4, ked 1e-3 | 3e-16; 5e-5, 4e-4
+    - a quadruped on four feet: every level; the feet bear its weight; a tool pinned at a point |
+      balance of forces; triangle | 1e-6, ked 1e-3; 1e-12 | passes
+"""
 
 from __future__ import annotations
 

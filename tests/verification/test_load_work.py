@@ -1,4 +1,11 @@
-"""Work of loads that switch, ramp or follow, and of moments: closed forms, energy balance."""
+"""Work of loads that switch, ramp or follow, and of moments: closed forms, energy balance.
+
+Claims:
+    Levels, energy, steps
+    - a push that ends (also between samples), an impulse, a ramp; a following force and moments on
+      a turning arm: motion (Duhamel, F T / m, alpha t^2 / 2), work, energy balance | 1e-7 of the
+      motion; 1e-7 to 1e-6 of the work, 1e-3 for a push between two samples | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Springs between frames that meet: of no length they pull by k d in every direction."""
+"""Springs between frames that meet: of no length they pull by k d in every direction.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - a spring of no length whose ends meet: frequency sqrt(K/M); energy of a pendulum that falls
+      into it, alpha at 1 ms, tol 1e-6 | closed form; conservation | 1e-8; 1e-4 and 1e-7 J of 0.1 J
+      | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Modes about motions: whirling shafts, instants of runs; the rotating beam has its own file."""
+"""Modes about motions: whirling shafts, instants of runs; the rotating beam has its own file.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - of a growing pair of eigenvalues one is kept, of decaying ones both | by hand | 1e-12 | passes
+    - `modes(at=)`: a shaft whirls at its frequency +- the spin, in circles; damped inside, it runs
+      away beyond its critical speed | closed form, roots of a quadratic | 1e-6 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""A payload: torques by hand, the same body as a link of the URDF, tip masses, sums of masses."""
+"""A payload: torques by hand, the same body as a link of the URDF, tip masses, sums of masses.
+
+Claims:
+    Machines
+    - payload: holding torques of a UR10; a link of the URDF; a mass at a tip; one that the model
+      lost is noticed | bare Pinocchio; the URDF's parser; cos cosh equation | printed digits; 1e-9;
+      1e-5 | passes
+"""
 
 from __future__ import annotations
 

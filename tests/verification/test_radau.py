@@ -2,6 +2,15 @@
 
 The pendulum is `test_integrators`'s (IFToMM A01): released horizontally, index 3, with position,
 speed and tension known exactly at any time.
+
+Claims:
+    Tolerances, collocation
+    - pendulum loop (A01), 3 stages: position, velocity, tension | elliptic functions | 5, 3, 2 +-
+      0.7 | 4.95, 2.4, 2.4
+    - the same, 5 stages | same | 9, 5, 4 +- 0.7 | 8.35, 4.9, 4.5; 5e-11 m with 13 steps
+    - loops shut at ends of steps; open between by order s + 1 | - | 1e-11 m; 6 +- 0.6 | passes;
+      5.9: 3e-8 m with 13 steps a swing
+    - R1, R2: 20 equal steps of 1 ms against 10, 25 us | generalized_alpha | 3e-5 | 5e-6, 2e-6
 """
 
 from __future__ import annotations

@@ -3,6 +3,15 @@
 eta = Omega sqrt(m L^4/EI) with L = m = EI = 1. The hub's motor prescribes Omega: `pf.modes(at=...)`
 about the steady state.
 Source: Wright, Smith, Thresher, Wang (1982), recomputed with a 14-term Ritz series.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - rotating beam, flap modes 1 to 3, eta = 0 to 12 | Wright et al. 1982 | 1e-5 | 1.1e-8
+    - chord modes 1 to 3 = sqrt(mu^2 - eta^2) | same | 1e-5 | 1.7e-8
+    - Southwell slopes, hub radius | exact quotients | 5e-5, 1e-4 | passes
+    - stretch and Coriolis, slenderness 70: segments converge to the exact rod | exact linearisation
+      | monotone, tenfold | eta = 2: 4.9e-5 with one body, 1.9e-6 with eight; eta = 4: 6.8e-4,
+      2.7e-5
 """
 
 from __future__ import annotations

@@ -1,4 +1,17 @@
-"""Start speeds of joints and links against equations of motion written out."""
+"""Start speeds of joints and links against equations of motion written out.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - start speeds: double pendulum, spatial slider-crank from crank, slider joint or slider |
+      Lagrange's equations, one-freedom reduction, scipy | 2e-6, 1e-5 rad | passes
+    - start speed of a beam's tip: a blow, every mode takes the same share | modal sum of a
+      cantilever | 2e-4 | passes
+    - a run that starts from the bent, moving state of another goes on as that would have | P L^3 /
+      3, first mode; the run itself | 1e-5 | passes
+    Tolerances, collocation
+    - a thrown spinning brick at tol 1e-8: its parabola | closed form | 3e-9 m | 1e-9 (6e-9 where
+      corrected steps are not turned by their corrections)
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""What a run tells of the error of its smooth friction, against masses on belts in closed form."""
+"""What a run tells of the error of its smooth friction, against masses on belts in closed form.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - masses on belts: the error of the default smooth friction that a run tells; with what it
+      proposes | closed form | told/true 0.4 to 3; 1 % | 0.64 to 2.6; 0.7 %
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,21 @@
-"""solve(tol=): what was asked is within the tolerance, by another method's converged answer."""
+"""solve(tol=): what was asked is within the tolerance, by another method's converged answer.
+
+Claims:
+    Machines
+    - a run by tol whose batches of steps hold no sample | the same with 61 samples | 1e-4 rad |
+      passes (was a traceback)
+    Tolerances, collocation
+    - tol 1e-2 / 1e-3 / 1e-4: race_r1 (torque) | same | 3 tol | 9.5e-5 / 8.5e-5 / 6.1e-5
+    - race_r2 (all outputs) | same | 3 tol | 8.1e-5 / 2.4e-5 / 1.3e-5
+    - race_r3, start static | same | 3 tol | 4.2e-4 / 3.9e-4 / 1.5e-5
+    - spinning_beam | same | 3 tol | 1.1e-2 / 8.6e-6 / 6.4e-6
+    - 3rrs | same | 3 tol | 9.0e-3 / 6.2e-6 / 4.9e-6
+    - 3rrr | same | 3 tol | 1.1e-3 / 1.0e-3 / 1.3e-5
+    - ur5, gravity at once | same | 3 tol | 9.4e-5 / 5.7e-5 / 5.6e-5
+    - what is told is the error of what is answered: race_r2, race_r3, 3rrr, spinning_beam (all
+      outputs, tol 1e-3, 1e-4) | seven stages, tol / 1000 | told/true 0.5 to 5 | 0.5 to 5;
+      [TOLERANCE.md](benchmarks/TOLERANCE.md)
+"""
 
 from __future__ import annotations
 

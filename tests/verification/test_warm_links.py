@@ -1,4 +1,11 @@
-"""Links at a temperature: bars that are free, held, in a triangle, close to buckling."""
+"""Links at a temperature: bars that are free, held, in a triangle, close to buckling.
+
+Claims:
+    Equations
+    - warm links, at every level: free bar alpha T L, held bar E alpha T, triangle of two bars,
+      angles of a bent one | closed forms | 1e-9 | passes
+    - a warm bar between pins: (omega/omega_0)^2 = 1 - T/T_Euler | Euler's column | 1e-5 | passes
+"""
 
 from __future__ import annotations
 

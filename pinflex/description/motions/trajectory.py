@@ -12,7 +12,6 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.cards import card, grid
 from pinflex.description.motions import laws
 from pinflex.description.motions import motion_keys as keys
 from pinflex.description.motions.laws import Kinematics
@@ -20,6 +19,7 @@ from pinflex.description.motions.shaping import shaped
 from pinflex.description.reading.schema import shown
 from pinflex.doors import door
 from pinflex.errors import nearest
+from pinflex.report import card, grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

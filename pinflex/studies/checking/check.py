@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.boundary import public
-from pinflex.cards import Worded
 from pinflex.description.blocks.drives import Friction
 from pinflex.description.reading.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
@@ -19,6 +19,8 @@ from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
+from pinflex.report import Block, Listing, Report, Reported, Words, bullets, lines, table
+from pinflex.results.quantities import joint_unit
 from pinflex.studies.checking import doubts
 from pinflex.studies.checking.parts import (
     DriveCheck,
@@ -33,18 +35,7 @@ from pinflex.studies.checking.parts import (
     statics,
     summary,
 )
-from pinflex.text import (
-    angle,
-    brief,
-    bullets,
-    length,
-    number,
-    paragraph,
-    percent,
-    plural,
-    report,
-    table,
-)
+from pinflex.text import angle, brief, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
@@ -54,7 +45,7 @@ _SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
 @dataclass(frozen=True)
-class Check(Worded):
+class Check(Reported):
     """The report of `pinflex check`.
 
     Attributes:
@@ -108,9 +99,17 @@ class Check(Worded):
     damping: tuple[float, ...] = ()
     payload: str = ""
 
-    def text(self) -> str:
-        """Everything as aligned plain text of at most 100 columns."""
-        return write(self)
+    def as_report(self) -> Report:
+        """Everything, with its tables."""
+        blocks = (_head, _loops, _drives, _links, _inertia, _planes)
+        return Report(f"{self.name}: check", (
+            *(block(self) for block in blocks),
+            *map(Words, self.summaries),
+            _statics(self),
+            _holding(self),
+            _frequencies(self),
+            bullets(self.warnings, "Warnings") or "Warnings: none",
+        ))  # fmt: skip
 
 
 @public
@@ -257,7 +256,7 @@ def _unloaded(mechanism: Mechanism, count: int, loaded: tuple[float, ...]) -> tu
 
 def _units(mechanism: Mechanism) -> tuple[str, ...]:
     slides = sliding(mechanism.rigid.rigid)
-    return tuple("N" if name in slides else "N m" for name in mechanism.motors)
+    return tuple(joint_unit("torque", name in slides) for name in mechanism.motors)
 
 
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
@@ -280,7 +279,7 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     return f"{words}: the rigid mechanism can follow it", []
 
 
-# The check report as text for people.
+# The report of a check.
 
 _PLANES = {"u": "axial", "v": "bending y", "w": "bending z", "p": "torsion"}
 # sigma_min of a well-placed machine is 0.05 to 0.5; below this a motor must push hard
@@ -288,30 +287,14 @@ _NEAR = 0.01
 _NOTHING = 1e-12  # a share that is round-off
 
 
-def write(c: Check) -> str:
-    """Aligned plain text of at most 100 columns."""
-    return report(
-        _head(c),
-        _loop_table(c),
-        _drive_table(c),
-        _link_table(c),
-        _inertia(c),
-        _planes(c),
-        *c.summaries,
-        _statics(c),
-        _frequencies(c),
-        f"Warnings\n{bullets(c.warnings)}" if c.warnings else "Warnings: none",
-    )
-
-
-def _head(c: Check) -> str:
+def _head(c: Check) -> Block:
     """The model in a few rows, those with nothing to say left out."""
-    names = ", ".join(c.motors)
-    rows = {
+    motors = ", ".join(c.motors)
+    return c.name, Listing({
         "URDF": f"{c.urdf}, base {c.base}",
         "gravity": "[" + ", ".join(f"{g:g}" for g in c.gravity) + "] m/s^2",
         "mobility": _mobility(c),
-        "motors": f"{plural(len(c.motors), 'motor')} ({names})" if names else "none",
+        "motors": f"{plural(len(c.motors), 'motor')} ({motors})" if motors else "none",
         "elastic": _elastic(c),
         "coupled": "; ".join(c.couplings),
         "dynamics": c.urdf_dynamics,
@@ -320,9 +303,7 @@ def _head(c: Check) -> str:
         "payload": c.payload,
         "motion": c.motion,
         "frames": _renamed(c.by_joint),
-    }
-    lines = [paragraph(text, " " * 12, f"  {name:<10}") for name, text in rows.items() if text]
-    return "\n".join([c.name, *lines])
+    }, 10)  # fmt: skip
 
 
 def _mobility(c: Check) -> str:
@@ -356,91 +337,90 @@ def _renamed(by_joint: Mapping[str, str]) -> str:
     return f"named by the joint that carries them: {named}"
 
 
-def _loop_table(c: Check) -> str:
+def _loops(c: Check) -> Block:
     if not c.loops:
         return "Loops: none"
-    rows = [
-        [x.name, x.kind, f"{x.between[0]} - {x.between[1]}", str(x.rows), str(len(x.redundant))]
-        for x in c.loops
-    ]
-    text = table("Loops", "loop|kind|between|rows|redundant", rows, (18, 12, 44))
-    lines = [text, f"{c.report.rows} rows, rank {c.report.rank}"]
-    lines += [f"redundant: {row}" for row in c.report.redundant]
-    if c.report.starts:
-        words = (
-            f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
-            "from closed at the values given, zero for the others. `pinflex check MODEL "
-            "--write-home` keeps it in the YAML"
-        )
-        lines.append(paragraph(words, "    ", ""))
+    home = (
+        f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
+        "from closed at the values given, zero for the others. `pinflex check MODEL "
+        "--write-home` keeps it in the YAML"
+    )
     sigma = c.report.sigma_min
-    if not math.isnan(sigma):
-        state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
-        lines.append(f"sigma_min {number(sigma)} at home (0 is singular, 1 is best): {state}")
-    return "\n".join(lines)
+    state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
+    return (
+        table(
+            "Loops", c.loops, ("loop", "name"), "kind",
+            ("between", lambda x: " - ".join(x.between)), "rows",
+            ("redundant", lambda x: len(x.redundant)), names=(18, 12, 44),
+        ),
+        Words("\n".join([
+            f"{c.report.rows} rows, rank {c.report.rank}",
+            *(f"redundant: {row}" for row in c.report.redundant),
+        ])),
+        lines(home if c.report.starts else "", indent="    ", first=""),
+        "" if math.isnan(sigma)
+        else f"sigma_min {number(sigma)} at home (0 is singular, 1 is best): {state}",
+    )  # fmt: skip
 
 
-def _drive_table(c: Check) -> str:
+def _drives(c: Check) -> Block:
     """Drives and friction, with what is left out of them."""
     if not c.drives:
         return ""
-    text = table(
-        "Drives and friction, at the joint [N m, rad | N, m]",
-        "joint|gear|inertia|stiffness|damping|dry|viscous|efficiency",
-        [_drive_row(x) for x in c.drives],
-        (24,),
-    )
     loose = [x.name for x in c.drives if x.drive is not None and x.drive.backlash]
     play = f"the backlash of {', '.join(loose)} acts at level coupled" if loose else ""
-    play = play or "there is no backlash"
-    said = [f"rotors turn about their own axes only (Spong), and {play}"]
+    said = f"rotors turn about their own axes only (Spong), and {play or 'there is no backlash'}"
     speeds = {x.friction.speed for x in c.drives if x.friction is not None and x.friction.dry}
     if speeds:
         shown = ", ".join(f"{v:g}" for v in sorted(speeds))
-        said.append(f"dry friction is smooth below {shown} rad/s or m/s, at which a joint creeps")
-    return "\n".join([text, paragraph("; ".join(said), "    ", "  ")])
+        said += f"; dry friction is smooth below {shown} rad/s or m/s, at which a joint creeps"
+
+    def drive(key: str, elastic: bool = False) -> Callable[[DriveCheck], Any]:
+        def of(x: DriveCheck) -> Any:
+            rigid = x.drive is None or (elastic and x.drive.stiffness is None)
+            return None if rigid else getattr(x.drive, key)
+
+        return of
+
+    return table(
+        "Drives and friction, at the joint [N m, rad | N, m]", c.drives, ("joint", "name"),
+        ("gear", drive("gear")), ("inertia", "armature"), ("stiffness", drive("stiffness", True)),
+        ("damping", drive("damping", True)), ("dry", lambda x: _dry(x.friction)),
+        ("viscous", lambda x: None if x.friction is None else x.friction.viscous),
+        ("efficiency", drive("efficiency"), lambda x: "-" if x is None else f"{100 * x:g} %"),
+        names=(24,),
+    ), lines(said, indent="    ", first="  ")  # fmt: skip
 
 
-def _drive_row(x: DriveCheck) -> list[str]:
-    d, f = x.drive, x.friction
-    row = [x.name, "-" if d is None else number(d.gear), number(x.armature)]
-    gives = d is not None and d.stiffness is not None
-    row += [number(d.stiffness), number(d.damping)] if d is not None and gives else ["-", "-"]
-    row += ["-", "-"] if f is None else [_dry(f), number(f.viscous)]
-    return [*row, "-" if d is None else f"{100 * d.efficiency:g} %"]
+def _dry(f: Friction | None) -> str:
+    if f is None:
+        return "-"
+    rest = f" ({number(f.breakaway)} at rest)" if f.breakaway > f.coulomb else ""
+    return number(f.coulomb) + rest
 
 
-def _dry(f: Friction) -> str:
-    if f.breakaway > f.coulomb:
-        return f"{number(f.coulomb)} ({number(f.breakaway)} at rest)"
-    return number(f.coulomb)
+def _links(c: Check) -> Block:
+    def signed(share: float | None) -> str:
+        return percent(share, sign="+")
 
-
-def _link_table(c: Check) -> str:
-    rows = []
-    for x in c.links:
-        off = (x.mass_difference, x.inertia_difference)
-        rows.append([x.name, x.section, x.material, number(1e3 * x.length), str(x.coordinates)])
-        rows[-1] += [number(x.mass + x.end_masses), number(x.urdf_mass)]
-        rows[-1] += [percent(d, sign="+") for d in off]
     return table(
         "Flexible links: elastic coordinates; beam and what rides on it, against the URDF",
-        "link|section|material|L [mm]|elastic|kg|URDF [kg]|mass|inertia",
-        rows,
-        (16, 24, 14),
-    )
+        c.links, ("link", "name"), "section", "material", ("L [mm]", "length"),
+        ("elastic", "coordinates"), ("kg", lambda x: x.mass + x.end_masses),
+        ("URDF [kg]", "urdf_mass"), ("mass", "mass_difference", signed),
+        ("inertia", "inertia_difference", signed), names=(16, 24, 14),
+    )  # fmt: skip
 
 
-def _inertia(c: Check) -> str:
+def _inertia(c: Check) -> Block:
     """Distribution of the URDF's inertia; links with the same text are named together."""
     groups: dict[str, list[str]] = {}
     for link in c.links:
         if link.share is not None:
             groups.setdefault(_carried(link), []).append(link.name)
-    lines = [
-        paragraph(f"{', '.join(names)}: {text}", "    ", "  ") for text, names in groups.items()
-    ]
-    return "\n".join(["Mass, centre and inertia of the URDF are kept", *lines]) if lines else ""
+    texts = (f"{', '.join(names)}: {text}" for text, names in groups.items())
+    listed = lines(*texts, indent="    ", first="  ")
+    return ("Mass, centre and inertia of the URDF are kept", listed) if groups else ""
 
 
 def _carried(link: LinkCheck) -> str:
@@ -460,18 +440,19 @@ def _carried(link: LinkCheck) -> str:
     return f"{text}; the rest, motors and covers, rides rigidly: {', '.join(places)}"
 
 
-def _planes(c: Check) -> str:
+def _planes(c: Check) -> Block:
     """Links that share their planes, the reason and what is left out are named together."""
     groups: dict[tuple[tuple[str, ...], str, str], list[LinkCheck]] = {}
     for link in c.links:
         out = "".join(x.direction for x in link.left_out)
         groups.setdefault((link.planes, link.reason, out), []).append(link)
-    lines = []
+    listed: list[Block] = ["Planes chosen"] if groups else []
     for (planes, reason, out), links in groups.items():
         names, active = ", ".join(x.name for x in links), ", ".join(_PLANES[p] for p in planes)
-        lines.append(paragraph(f"{names}: {active} ({reason})", "    ", "  "))
-        lines += [paragraph(_left_out(links, direction), "      ", "    ") for direction in out]
-    return "\n".join(["Planes chosen", *lines]) if lines else ""
+        listed.append(lines(f"{names}: {active} ({reason})", indent="    ", first="  "))
+        texts = (_left_out(links, direction) for direction in out)
+        listed.append(lines(*texts, indent="      ", first="    "))
+    return listed
 
 
 def _left_out(links: Sequence[LinkCheck], direction: str) -> str:
@@ -484,16 +465,14 @@ def _left_out(links: Sequence[LinkCheck], direction: str) -> str:
     return f"{words} and inertia loads{of}"
 
 
-def _statics(c: Check) -> str:
+def _statics(c: Check) -> Block:
     s = c.statics
-    lines = [
-        paragraph(_sag("linear", s.linear, s.linear_reason, c.platform), "                ", "  "),
-        paragraph(_sag("full", s.full, s.full_reason, c.platform), "                ", "  "),
-    ]
+    sags = [_sag("linear", s.linear, s.linear_reason, c.platform),
+            _sag("full", s.full, s.full_reason, c.platform)]  # fmt: skip
     if s.linear_reason == s.full_reason and s.linear_reason:
-        lines = [f"  platform sag  none: {s.linear_reason}"]
+        sags = [f"platform sag  none: {s.linear_reason}"]
     head = f"At rest at home{', motors locked' if c.motors else ''}"
-    return "\n".join([head, *lines, *filter(None, [_holding(c, s)])])
+    return head, lines(*sags, indent=" " * 16, first="  ")
 
 
 def _sag(kind: str, sag: Sag | None, reason: str, platform: str | None) -> str:
@@ -506,28 +485,31 @@ def _sag(kind: str, sag: Sag | None, reason: str, platform: str | None) -> str:
     return f"{start}{platform}: {length(move)} ({where}), {turned}"
 
 
-def _holding(c: Check, s: Statics) -> str:
-    sets = [("rigid", s.holding_rigid), ("linear", s.holding_linear), ("full", s.holding_full)]
-    known = [(name, values) for name, values in sets if values is not None]
+def _holding(c: Check) -> Block:
+    s = c.statics
+    sets = {"rigid": s.holding_rigid, "linear": s.holding_linear, "full": s.holding_full}
+    known = {name: torques for name, torques in sets.items() if torques is not None}
     if not c.motors or not known:
         return ""
-    rows = [
-        [f"{motor} [{unit}]", *(f"{values[k]:.5g}" for _, values in known)]
-        for k, (motor, unit) in enumerate(zip(c.motors, c.units, strict=True))
+    columns = [
+        (name, lambda k, torques=torques: torques[k], "{:.5g}".format)
+        for name, torques in known.items()
     ]
-    header = "|".join(["holding torque", *(name for name, _ in known)])
-    return "\n" + table("Holding torques", header, rows, (28,))
+    name = ("holding torque", lambda k: f"{c.motors[k]} [{c.units[k]}]")
+    motors = range(len(c.motors))
+    return table("Holding torques", motors, name, *columns, names=(28,))
 
 
-def _frequencies(c: Check) -> str:
+def _frequencies(c: Check) -> Block:
     if not c.frequencies:
         return f"Natural frequencies: none, {c.frequency_note}"
-    values = "  ".join(number(f) for f in c.frequencies)
-    text = f"Natural frequencies [Hz], {c.frequency_note}\n  {values}"
+
+    def row(values: Sequence[float], what: str = "") -> str:
+        return "  " + "  ".join(map(number, values)) + f"   {what}" * bool(what)
+
+    rows = [f"Natural frequencies [Hz], {c.frequency_note}", row(c.frequencies)]
     if any(c.damping):
-        ratios = "  ".join(number(zeta) for zeta in c.damping)
-        text += f"\n  {ratios}   damping ratio of the machine's own modes"
-    if not c.unloaded:
-        return text
-    plain = "  ".join(number(f) for f in c.unloaded)
-    return f"{text}\n  {plain}   without gravity and loads (modes --preload none)"
+        rows.append(row(c.damping, "damping ratio of the machine's own modes"))
+    if c.unloaded:
+        rows.append(row(c.unloaded, "without gravity and loads (modes --preload none)"))
+    return Words("\n".join(rows))

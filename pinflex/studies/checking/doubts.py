@@ -135,7 +135,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *_freedom_warnings(mechanism),
         *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
-        *(text for p in mechanism.parts.values() for text in _carries_nothing(mechanism, p)),
+        *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
         *_sag_warnings(rest, links),
         *heavy(mechanism.links),
         *ignored(description),
@@ -169,7 +169,7 @@ def _link_warnings(link: LinkCheck) -> list[str]:
     ]
 
 
-def _carries_nothing(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
+def _without_load(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
     """A beam beside the load path: everything that hangs on its link sits at its root."""
     number = next(k for k, link in enumerate(mechanism.links) if link.name == part.link)
     ends = mechanism.description.tied

@@ -1,4 +1,9 @@
-"""Feedback and patches: constants, laws, effect on models, and what is refused."""
+"""Feedback and patches: constants, laws, effect on models, and what is refused.
+
+Claims:
+    Machines
+    - piezo constant 4.8384e-4 N m/V | eq. 32 | 1e-5 | passes
+"""
 
 from __future__ import annotations
 

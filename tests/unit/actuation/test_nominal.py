@@ -1,4 +1,18 @@
-"""The nominal motion: inverse kinematics of closed loops, and the poses it must refuse."""
+"""The nominal motion: inverse kinematics of closed loops, and the poses it must refuse.
+
+Claims:
+    Equations
+    - v, a of closed-loop inverse kinematics = rates of the position | differences | 1e-6 | passes
+    Beams (frequencies relative; L = m = E I = 1)
+    - three samples of 3rrr, delta, hexapod, race_r2 = those of 401, at level rigid | a fine march |
+      1e-8 | passes
+    Levels, energy, steps
+    - nominal motion filled in = marched, six mechanisms; fewer than 10 of 401 instants are marched
+      to | 1e-10; counted | passes
+    Tolerances, collocation
+    - quintics through positions, velocities, accelerations | scipy's `from_derivatives` | 1e-13 |
+      6e-16
+"""
 
 from __future__ import annotations
 

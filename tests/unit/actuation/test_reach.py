@@ -1,4 +1,10 @@
-"""A path that leaves the workspace names the links that are in line there."""
+"""A path that leaves the workspace names the links that are in line there.
+
+Claims:
+    Equations
+    - a five-bar led out of reach: the arm that is stretched (sum of its links) or folded is named |
+      geometry | 1e-6 m | passes
+"""
 
 from __future__ import annotations
 

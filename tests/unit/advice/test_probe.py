@@ -1,4 +1,16 @@
-"""The cheap look at a flexible motion: what it interpolates, corrects and leaves out."""
+"""The cheap look at a flexible motion: what it interpolates, corrects and leaves out.
+
+Claims:
+    Advice
+    - interpolated matrices = level ked step by step | 1e-3 | passes (6e-3 before corners were kept)
+    - each correction reduces the defect of forces and closures | fivefold | passes
+    - a smaller basis is a subspace of the larger one | 1e-9 | passes
+    - a probe of a motion that begins with an acceleration starts with the sag of rest | 1e-3 |
+      2.4e-4
+    Tolerances, collocation
+    - corrections of a cheap look: what closes loops by joints alone and by least energy leads to
+      the same motion | each other | 1e-5 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""The bending energy of fourth order: its derivatives, and that it knows no plane."""
+"""The bending energy of fourth order: its derivatives, and that it knows no plane.
+
+Claims:
+    Equations
+    - `third_order`: force, stiffness = derivatives; a round beam has one energy in every plane |
+      differences | order 2 +- 0.05; 1e-12 | passes
+"""
 
 from __future__ import annotations
 

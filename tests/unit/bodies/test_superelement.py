@@ -1,4 +1,12 @@
-"""Reduced solids against full meshes, closed forms and beams; bad bodies are refused by name."""
+"""Reduced solids against full meshes, closed forms and beams; bad bodies are refused by name.
+
+Claims:
+    Machines
+    - a rod by mesh: von Mises under pull and torsion; root moments of its weight to either side |
+      strength of materials | 0.5 %; 0.1 % | passes
+    - clamped block and rod by mesh: kept modes; mass, centre, inertia | full mesh, beam; closed
+      form | 0.5 %; 1e-10 | passes
+"""
 
 from __future__ import annotations
 

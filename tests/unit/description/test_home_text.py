@@ -1,4 +1,10 @@
-"""`home` in a YAML: only its values change, every other byte stays."""
+"""`home` in a YAML: only its values change, every other byte stays.
+
+Claims:
+    Equations
+    - `--write-home`: only values of `home` change in the file | - | bytes | exact | also
+      `cli/test_cli.py`
+"""
 
 from __future__ import annotations
 

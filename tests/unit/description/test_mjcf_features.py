@@ -1,6 +1,16 @@
 """One feature of an MJCF at a time: the forces of every coordinate against MuJoCo's mj_inverse.
 
 Each feature must change MuJoCo's own forces, so that a reader without it would be noticed.
+
+Claims:
+    Equations
+    - a mesh of an MJCF is drawn as its file and the geom say, off its principal axes | by hand |
+      1e-6 | 2e-8
+    Machines
+    - MJCF, one feature at a time (66): forces of all coordinates at a random state | `mj_inverse` |
+      1e-13 | 1e-15
+    - MJCF: distance and angle of loops that are apart; couplings, whichever joint leads | MuJoCo's
+      equality violation | 1e-12, 8e-15 | passes
 """
 
 from __future__ import annotations

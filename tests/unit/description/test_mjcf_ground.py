@@ -1,4 +1,10 @@
-"""Equalities of an MJCF that hold a robot with a free base to the world: loops to the ground."""
+"""Equalities of an MJCF that hold a robot with a free base to the world: loops to the ground.
+
+Claims:
+    Machines
+    - MJCF: a free base held to the world by connect (body, sites) and weld | MuJoCo 4 | 2e-4 m, rad
+      | 1e-6 m (pins), 4e-5 m (weld: MuJoCo's gives way)
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""A xacro runs nothing but xacro: no command, no foreign file, no end of time or memory."""
+"""A xacro runs nothing but xacro: no command, no foreign file, no end of time or memory.
+
+Claims:
+    Hard cases
+    - code in a xacro opens, starts, ends and lists nothing; no foreign file; limits of time and
+      memory | - | refused | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Steps end where motion and loads are not smooth."""
+"""Steps end where motion and loads are not smooth.
+
+Claims:
+    Documentation, other systems
+    - breaks that differ by round-off are one: no step between them | the same load in one | 2 tol |
+      passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Radau IIA: nodes, weights and order, without any mechanism."""
+"""Radau IIA: nodes, weights and order, without any mechanism.
+
+Claims:
+    Tolerances, collocation
+    - weights exact for polynomials, step to degree 2 s - 2, 2 to 7 stages | calculus; Hairer,
+      Wanner | 1e-11 | passes
+    - order 2 s - 1 on an oscillator by hand, 2 to 5 stages | cosine | +- 0.15 | passes
+"""
 
 from __future__ import annotations
 

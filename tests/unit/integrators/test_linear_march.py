@@ -1,4 +1,10 @@
-"""The methods for linear, time-varying systems: order, closures, stability, truncation."""
+"""The methods for linear, time-varying systems: order, closures, stability, truncation.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - central differences: the last acceleration, looking back | closed form | order 2 +- 0.1 |
+      passes
+"""
 
 from __future__ import annotations
 

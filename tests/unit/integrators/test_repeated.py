@@ -1,4 +1,10 @@
-"""Runs that repeat: their workspaces are those of the runs before, and never seen in a number."""
+"""Runs that repeat: their workspaces are those of the runs before, and never seen in a number.
+
+Claims:
+    Tolerances, collocation
+    - runs in workspaces, paths and tables of the runs before, and of a fresh load: race_r1,
+      race_r2, 3rrr, within a tolerance too | the first run | to the last bit | exact
+"""
 
 from __future__ import annotations
 

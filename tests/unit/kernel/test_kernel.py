@@ -1,4 +1,20 @@
-"""The compiled kernel says what Pinocchio says, on every system that it covers."""
+"""The compiled kernel says what Pinocchio says, on every system that it covers.
+
+Claims:
+    Tolerances, collocation
+    - the compiled kernel: residual and closures of 1200 states, all models rigid and flexible, the
+      free robot with an elastic gear, dry friction, loads and springs, random trees with every
+      closure, with joints that follow others, masses that differ with the direction, bends that are
+      not small; every joint of Pinocchio's that it has | numpy and Pinocchio; `pin.rnea` | 1e-11 of
+      the largest force | 2e-15
+    - the same: M, C, K (without the stiffness of links), J | Pinocchio's derivatives | 1e-9 of the
+      largest entry | 5e-14
+    - its poses of every frame of random trees | Pinocchio | 1e-12 | 4e-15
+    - its sines up to 1e7 rad; a not-a-number stays in its state; both builds; sizes and indices
+      refused | libm | 4e-16 | passes
+    - closures of several states, their Jacobians, accelerations without a, first and second time
+      derivatives, every kind | Pinocchio's Jacobians and their rates | 1e-11 | passes
+"""
 
 from __future__ import annotations
 

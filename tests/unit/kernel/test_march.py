@@ -1,4 +1,17 @@
-"""The compiled march: its starts, tables, sizes, and how it gives way where it has to."""
+"""The compiled march: its starts, tables, sizes, and how it gives way where it has to.
+
+Claims:
+    Tolerances, collocation
+    - its moves of free, planar, ball and circle joints from 1e-6 to 2 rad, and their rates |
+      `pin.integrate`, `pin.dIntegrate` | 1e-12 of the speed | 1e-13
+    - a platform's motors are read from a table of their quintics, with no call of Python | the path
+      itself at other times | 1e-14 of the largest | 2e-15
+    - its starts at a random speed, also where coordinates have no mass; second derivatives of
+      closures of every kind on random trees | `consistent_acceleration`; Pinocchio's Jacobian rates
+      | 1e-9; 1e-11 | 5e-12; 2e-15
+    - a signal stops it within a second, with the run so far; it comes back when its patience ends |
+      clock | 1 s | 0.02 s
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Sleeves on beams in the compiled kernel: as numpy has them, and as differences find them."""
+"""Sleeves on beams in the compiled kernel: as numpy has them, and as differences find them.
+
+Claims:
+    Machines
+    - sleeves in the kernel: residual, closures and their rates, tangent; four bases in a plane,
+      eight variants in space on 1, 2 and 4 segments, two on one rod; marches | numpy and Pinocchio;
+      differences | 1e-11, tangent 1e-9; differences 1e-6 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Equilibria many at a time are those found one after the other; interpolated ones keep a tol."""
+"""Equilibria many at a time are those found one after the other; interpolated ones keep a tol.
+
+Claims:
+    Levels, energy, steps
+    - equilibria many at a time = one after the other, five scenes | 1e-10 | 1.5e-13
+    - the same within tol 1e-2, 1e-4, at Chebyshev points | tol | 2.4e-3, 4.4e-6
+    - swings of 5 to 13 periods, faster than the first nodes, are noticed | tol 1e-2 | passes
+    - each piece of a motion gets the Chebyshev points that its coefficients ask for, none is
+      evaluated twice | 10 times what was asked for | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,16 @@
-"""Matrices of the linear system between Chebyshev points are those evaluated at every step."""
+"""Matrices of the linear system between Chebyshev points are those evaluated at every step.
+
+Claims:
+    Advice
+    - samples of level ked by interpolation = those of all its steps | 1e-8 | passes
+    Levels, energy, steps
+    - matrices of ked between Chebyshev points = at every step | 1e-8 | passes
+    - the same along a sampled motion, cut at its samples; one object while the robot rests | 1e-8 |
+      passes
+    Tolerances, collocation
+    - an entry of a linear system that starts to move between the first nodes is noticed | by hand |
+      exact | passes
+"""
 
 from __future__ import annotations
 

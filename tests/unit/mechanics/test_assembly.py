@@ -1,4 +1,11 @@
-"""Closing loops: which rows are redundant, which poses are singular, what cannot close."""
+"""Closing loops: which rows are redundant, which poses are singular, what cannot close.
+
+Claims:
+    Equations
+    - plane four-bar, spatial hinge: 3 redundant rows by name; Bricard 6R: rank 4 of 5 | IFToMM A04
+      | exact | exact
+    - stretched and flat four-bars, open loops refused by name | geometry | - | -
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""What sits on the border of two segments of a link belongs to one of them, to round-off or not."""
+"""What sits on the border of two segments of a link belongs to one of them, to round-off or not.
+
+Claims:
+    Equations
+    - a child, a rider on the border of two segments weighs once: nine borders beside it by an ulp,
+      delta in 3 segments | sum of the links | 1e-12 | passes
+    - its first frequency in 1, 2, 3, 4 segments | each other | 3e-3 | 2.4e-3
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""Loops that close by themselves: no spurious half turns, limits, restarts, honest gaps."""
+"""Loops that close by themselves: no spurious half turns, limits, restarts, honest gaps.
+
+Claims:
+    Equations
+    - loops close from afar: 8 kinds on the manifold; a weld half a turn off; the elbow inside the
+      limits; other starts, always the same | geometry | 1e-9 | 1e-12
+    - logarithm of the closure: its Jacobian | central differences | 2e-8 | passes
+    - what cannot close: bars 50 mm too short, frames 0.3 rad apart | by hand | 1e-6 | passes
+    - sigma_min of one five-bar at 0.1, 1 and 10 m | similarity | 1e-9 | passes
+    - a wrong axis of a loop is told beside those of its neighbours | - | - | -
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""Loop closures of every kind on a small spatial loop: what they hold, and their derivatives."""
+"""Loop closures of every kind on a small spatial loop: what they hold, and their derivatives.
+
+Claims:
+    Equations
+    - closures: 6 5 5 4 4 3 2 1 rows by kind, exactly the joint's motions left free | screw of each
+      joint | 1e-10 | passes
+    - their J, gamma and force tangent, default and oblique axes | central differences | 1e-8 |
+      passes
+"""
 
 from __future__ import annotations
 

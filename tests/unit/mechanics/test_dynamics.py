@@ -1,4 +1,15 @@
-"""The equations of motion of every shipped model, against differences and against Pinocchio."""
+"""The equations of motion of every shipped model, against differences and against Pinocchio.
+
+Claims:
+    Equations
+    - columns of X' crba X = differences of the residual | Pinocchio | 1e-9 | passes
+    - X, Xdot; J, gamma; tangent M, C, K | central differences, extrapolated | 1e-8 of a column |
+      passes
+    - Newton's matrix = weighted sum of the tangents | - | 1e-11 | passes
+    - power of all forces = rate of all energies | - | 1e-8 | passes
+    - no flexible link: the torques are Pinocchio's rnea (ur5, panda) | Pinocchio | 0 (rigid), 1e-12
+      (other levels) | 0
+"""
 
 from __future__ import annotations
 

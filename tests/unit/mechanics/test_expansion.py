@@ -1,4 +1,11 @@
-"""The expanded model: where sections go, what they carry, to which order it is right."""
+"""The expanded model: where sections go, what they carry, to which order it is right.
+
+Claims:
+    Equations
+    - a section of a bent beam is right to second order (error falls with the cube) | R' = R kappa^,
+      integrated | slope 3 +- 0.25 | passes
+    - second order off: with the square | same | slope 2 +- 0.25 | passes
+"""
 
 from __future__ import annotations
 

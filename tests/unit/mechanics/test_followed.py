@@ -1,4 +1,9 @@
-"""Rigid motions that mechanisms of one file share: those that each would find, to the last bit."""
+"""Rigid motions that mechanisms of one file share: those that each would find, to the last bit.
+
+Claims:
+    Pages, pictures, figures
+    - rigid motions that mechanisms of one file share = those that each finds | exact | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Damping matrices given from Python."""
+"""Damping matrices given from Python.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - damping matrices from Python: the file's own, a mode's decay | closed form | 1e-4 | passes
+    - every mode of a link with riders has its `modal` ratio, in 1, 2 and 5 segments | definition;
+      Pinocchio's mass of all stations | 1e-7 | passes; by segments 1 / n
+"""
 
 from __future__ import annotations
 

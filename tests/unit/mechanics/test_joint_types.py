@@ -1,4 +1,10 @@
-"""Types of joints that the YAML writes over those of the URDF."""
+"""Types of joints that the YAML writes over those of the URDF.
+
+Claims:
+    Equations
+    - joint types over the URDF's: fixed = Pinocchio's reduced model (ur5), spherical and universal
+      = its model with that joint | Pinocchio | 1e-12 | passes
+"""
 
 from __future__ import annotations
 

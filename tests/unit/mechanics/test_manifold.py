@@ -1,4 +1,12 @@
-"""Poses moved side by side are the poses moved one by one."""
+"""Poses moved side by side are the poses moved one by one.
+
+Claims:
+    Levels, energy, steps
+    - circles and spheres moved side by side = one by one, and back | 1e-14 | passes
+    - coordinates that the caller writes are left alone | equal | passes
+    Tolerances, collocation
+    - rates of rotation vectors in closed form | Pinocchio | 1e-12 | 4e-14
+"""
 
 from __future__ import annotations
 

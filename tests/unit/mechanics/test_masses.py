@@ -1,4 +1,12 @@
-"""Models weigh what Pinocchio adds up, and `load` refuses one that does not."""
+"""Models weigh what Pinocchio adds up, and `load` refuses one that does not.
+
+Claims:
+    Equations
+    - mass, first moment, inertia of 40 random links in 1 to 9 segments with children and riders,
+      half on borders (500, every model, 65 robots: `benchmarks/masses.py`) | Pinocchio's sum of the
+      URDF; uniform rod | 1e-12 | 8e-15
+    - a link that weighs twice, or sits 1 um off its place, is refused by `load` | - | - | passes
+"""
 
 from __future__ import annotations
 

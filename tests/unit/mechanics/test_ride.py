@@ -1,4 +1,24 @@
-"""A link's inertia between its beam and what rides on it: nothing lost, as much as fits."""
+"""A link's inertia between its beam and what rides on it: nothing lost, as much as fits.
+
+Claims:
+    Equations
+    - one flexible link, YAML of a newcomer: rigid torques are Pinocchio's rnea (ur5, panda, kinova;
+      68 robots: `benchmarks/robots.py`) | Pinocchio | 1e-12 | 2e-16; 3.5e-16
+    - beam and riders are the link: mass, centre, moments, on 40 random links and beams, 1 to 3
+      segments | random mass points | 1e-12 | passes
+    - no more of the beam fits: with 1e-6 more, the pseudo-inertia left over is indefinite |
+      Wensing, Kim, Slotine 2018 | 1e-6 | passes
+    - two motors at the ends of a tube come back, by the lever rule | by construction | 1e-9 |
+      passes
+    - a ball on a tube, from the sum of their inertias: sag of the tip | m g a^2 (3 L - a) / 6 EI +
+      w L^4 / 8 EI | 1e-3 | passes
+    - balanced torques of a flexible arm tend to rnea of the URDF like 1/E | Pinocchio | +- 0.02 |
+      1.00
+    - mass matrix of the flexible model = crba of the URDF, 1 and 2 segments | Pinocchio | 1e-12 |
+      passes
+    - a beam beside the load path (PR2's upper arm; its forearm, which carries a camera) is refused,
+      the right link named | - | - | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""The slider on a flexible beam: derivatives, variants, bases, forces, and what it refuses."""
+"""The slider on a flexible beam: derivatives, variants, bases, forces, and what it refuses.
+
+Claims:
+    Machines
+    - sleeve in space: rows, bias, tangent, six variants | differences | 1e-8 | passes
+    - a rod drawn into its tube: P l^3/3EI, T l/GJ of what is out | beam theory | 1e-5 at nodes |
+      passes; up to 12 % stiff between nodes of 5 cubic elements
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""The compact file of a run: what is exact, what is rounded and by how much, what it refuses."""
+"""The compact file of a run: what is exact, what is rounded and by how much, what it refuses.
+
+Claims:
+    Equations
+    - compact file of a run: states bit for bit, fields within half a step; displacement from rigid
+      too | step 2^-20 | 4.8e-7 | 4.77e-7; delta: 7.5 MB for 45 MB
+    - what compare draws without reading its files back: what they hold | the file | exact | exact
+    - its arrays again from its states | the run itself | 1e-11 | passes
+"""
 
 from __future__ import annotations
 

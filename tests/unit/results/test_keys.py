@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.results.quantities import KEYS, key_of
+from pinflex.results.drives import DriveView
+from pinflex.results.quantities import KEYS, joint_unit, key_of, unit_of
 from pinflex.results.result import Result
+from pinflex.results.views import FrameView, JointView, LinkView, LoopView
 
 ROOT = Path(pf.__file__).parents[1]
 SHORT = {"until": 2e-3, "samples": 3}
@@ -84,3 +86,18 @@ def test_the_page_has_every_key_once() -> None:
     rows = re.findall(r"^\| `([^`]+)` \|", output_keys.page(), re.M)
     assert rows == [one.key for one in KEYS]
     assert {line.count("|") for line in output_keys.page().splitlines() if line[:1] == "|"} == {6}
+
+
+def test_views_show_keys_of_the_table() -> None:
+    for view in (JointView, FrameView, LinkView, LoopView, DriveView):
+        assert len(view.arrays) > 0
+        for attribute, key in view.arrays.items():
+            assert hasattr(view, attribute) and unit_of(key) is not None, key
+
+
+def test_units_of_a_joint_that_slides() -> None:
+    """By dimensions: work is torque times angle and force times way, in J both."""
+    keys = ("joint/q", "joint/v", "joint/a", "torque")
+    assert [joint_unit(key, True) for key in keys] == ["m", "m/s", "m/s^2", "N"]
+    assert [joint_unit(key, False) for key in keys] == ["rad", "rad/s", "rad/s^2", "N m"]
+    assert joint_unit("drive/NAME/power", True) == "W"

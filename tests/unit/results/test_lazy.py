@@ -1,4 +1,14 @@
-"""What a result holds is found when asked for, once, and is the same as all of it at once."""
+"""What a result holds is found when asked for, once, and is the same as all of it at once.
+
+Claims:
+    Levels, energy, steps
+    - a result found group by group = found at once; torques cost no pass over the samples | 1e-12;
+      counted | passes
+    Pages, pictures, figures
+    - doors of a result: joint reactions in world axes and shaking = replay of the stored states;
+      point stress at a fibre = largest normal stress, from a file too | 1e-12; 1e-9 | passes | also
+      `validation/test_paper_001.py`
+"""
 
 from __future__ import annotations
 

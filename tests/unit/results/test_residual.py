@@ -1,4 +1,10 @@
-"""Vibration after a stop: read off decaying sines whose amplitude and settling time are known."""
+"""Vibration after a stop: read off decaying sines whose amplitude and settling time are known.
+
+Claims:
+    Pages, pictures, figures
+    - amplitude and settling time of a decaying vibration, rest told or found; the verdict's words |
+      1e-6 s told, 1e-3 s found | passes | also `unit/results/test_comparison.py`
+"""
 
 import numpy as np
 import pytest

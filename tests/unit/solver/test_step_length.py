@@ -1,4 +1,9 @@
-"""Default steps of a beam, by its closed form."""
+"""Default steps of a beam, by its closed form.
+
+Claims:
+    Beams (frequencies relative; L = m = E I = 1)
+    - default step: a fortieth of the third period of a cantilever | closed form | 1e-3 | passes
+"""
 
 from __future__ import annotations
 

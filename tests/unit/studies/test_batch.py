@@ -1,4 +1,12 @@
-"""Work in parallel that nothing stops, and the journal that keeps it."""
+"""Work in parallel that nothing stops, and the journal that keeps it.
+
+Claims:
+    Many cases
+    - half a line left by a kill is cut off, finished cases are not worked on again | - | exact |
+      exact
+    - an error in a copy of the process is raised here, the others end; copies need nothing that can
+      be pickled but answers; a process of several threads is not copied | - | exact | exact
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,13 @@
-"""Which points of a benchmark are worth taking, and what is said about them."""
+"""Which points of a benchmark are worth taking, and what is said about them.
+
+Claims:
+    Work and precision
+    - the Pareto set, the advice, a case that fails | by hand | exact | exact
+"""
 
 from __future__ import annotations
 
-from pinflex.cli.bench import advice, write
+from pinflex.cli.bench import advice, report
 from pinflex.studies.bench import Bench, Case, Point
 
 POINTS = (
@@ -25,14 +30,14 @@ def test_the_advice_names_the_cheapest_case_for_each_error() -> None:
 
 
 def test_a_case_that_fails_is_named_with_its_reason() -> None:
-    assert "it diverged" in write(FOUND, whole=True)
+    assert "it diverged" in report(FOUND, whole=True).text()
 
 
 def test_one_screen_has_the_points_worth_taking_fastest_first_and_counts_the_rest() -> None:
-    text = write(FOUND)
+    text = report(FOUND).text()
     table, said = text.split("\n\n")[:2]
     methods = [line.split()[0] for line in table.splitlines()[4:-1]]
     assert methods == ["rigid", "ked", "radau"]
     assert said.startswith("An error of every output within 0.1")
     assert "1 slower and worse than one of these; 1 failed: -v shows them." in text
-    assert len(write(FOUND, whole=True).splitlines()) > len(text.splitlines())
+    assert len(report(FOUND, whole=True).text().splitlines()) > len(text.splitlines())

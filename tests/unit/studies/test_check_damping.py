@@ -1,4 +1,10 @@
-"""The damping that `check` shows is the machine's, not that of a link by itself."""
+"""The damping that `check` shows is the machine's, not that of a link by itself.
+
+Claims:
+    Many cases
+    - damping ratio of the machine that `check` shows: decay of a beam with a mass of 5 of its own
+      at its tip | a run, one spring by hand | 1 %; 1e-9 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Many cases in one call: their numbers, whoever computes them, and what fails in between."""
+"""Many cases in one call: their numbers, whoever computes them, and what fails in between.
+
+Claims:
+    Many cases
+    - cases in other weights and motions have the torques of a pendulum; divided among copies or
+      threads, or made of another mechanism in place of the files, not a bit changes | tau = J q'' +
+      S g cos q; - | 1e-12; exact | 1e-15; exact
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Modes followed over a grid of poses, and the table and figures made of them."""
+"""Modes followed over a grid of poses, and the table and figures made of them.
+
+Claims:
+    Many cases
+    - rigid axes of a map: inf, null in JSON, "rigid" in text and figure, no tick of more than 7
+      letters | - | exact | passes
+    - followed modes of two arms that share nothing depend on their own angle alone, over 36 poses
+      with crossings | independence | 1e-9 | 0 (sorted ones: 0.08)
+    - a map has the frequencies and compliance of each pose alone | `modes` | 1e-9 | passes
+"""
 
 from __future__ import annotations
 

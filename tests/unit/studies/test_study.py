@@ -1,4 +1,10 @@
-"""A comparison: level coupled within a tolerance, or in the steps that a scene asks for."""
+"""A comparison: level coupled within a tolerance, or in the steps that a scene asks for.
+
+Claims:
+    Pages, pictures, figures
+    - compare solves coupled to 1e-3 where the steps are open, in equal steps where they are not or
+      that is out of reach | ur5 by tol 1e-6: 1e-3 | 2.2e-4 (equal steps 2.6e-3)
+"""
 
 from __future__ import annotations
 

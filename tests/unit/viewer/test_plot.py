@@ -1,4 +1,13 @@
-"""Figures hold the right curves, labels and peaks; nobody compares pixels."""
+"""Figures hold the right curves, labels and peaks; nobody compares pixels.
+
+Claims:
+    Pages, pictures, figures
+    - a peak between the bins of a spectrum, its frequency and height | a sine | 1e-3 of a bin; 2e-4
+      | 7e-4; 8e-5
+    - figures of compare = what matplotlib saves, minor ticks as one line | pixel by pixel | equal
+    - amplitudes, labelled peaks, followed modes of the figures | beside each | passes | also
+      `unit/studies/test_pose_map.py`
+"""
 
 import subprocess
 import sys

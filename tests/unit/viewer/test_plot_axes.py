@@ -1,4 +1,10 @@
-"""One convention of `.plot()`: axes returned, `ax` taken for one panel, several panels named."""
+"""One convention of `.plot()`: axes returned, `ax` taken for one panel, several panels named.
+
+Claims:
+    Pages, pictures, figures
+    - one convention of `.plot()`: axes returned, `ax=` for one panel, `panel=` names it; bars of
+      modes, a half wave drawn | frequencies and shares; half sine | 1e-9; 0.02 | passes
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Servers on the loopback interface: for this machine, under its own name, and gone afterwards."""
+"""Servers on the loopback interface: for this machine, under its own name, and gone afterwards.
+
+Claims:
+    Pages, pictures, figures
+    - servers: this machine and its own name only; live play leaves no process, thread or port | - |
+      -
+    Bad input, costs, signals
+    - pages closed while they load, ports 6000 and 7000 taken: live play goes on | - | exact |
+      passes
+"""
 
 from __future__ import annotations
 
