@@ -109,8 +109,8 @@ class Saddle:
         for at, size, N, W in zip(self._at_z, self._sizes, bases, self._weights, strict=True):
             S[at : at + size, at : at + size] = N.T @ W @ N
         nv, half = self._N.shape[1], self._P.shape[2] // 2
-        rows_of = self._P.transpose(0, 2, 1) @ self._G
-        for k, (found, at_nu) in enumerate(zip(rows_of, self._at_nu, strict=True)):
+        for k, (P, G, at_nu) in enumerate(zip(self._P, self._G, self._at_nu, strict=True)):
+            found = P.T @ G
             for j in range(2 * pad + 1):
                 at, size = self._at_z[k + j], self._sizes[k + j]
                 block = found[:, j * nv : (j + 1) * nv] @ bases[k + j]
