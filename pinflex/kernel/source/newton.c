@@ -185,7 +185,20 @@ static void assemble(const Tables *t, const Stages *st, Int e, const Sparsity *s
   const uint64_t *linked = s->links + column * words_of(n);
   double h = st->h, x = st->value[2 * e], y = st->value[2 * e + 1];
   double square = x * x - y * y, cross = 2 * x * y;
+  if (*s->groups <= DENSE && column < free) { /* in order as they are */
+    for (Int j = 0; j < free; j++) {
+      Int entry = j * free + column;
+      double M = st->M[entry], C = h * st->C[entry];
+      re[j] = square * M + x * C + h * h * st->K[entry], im[j] = cross * M + y * C;
+    }
+    for (Int k = free; k < n; k++) re[k] = st->J[(k - free) * free + column], im[k] = 0.0;
+    return;
+  }
   for (Int i = 0; i < n; i++) re[i] = im[i] = 0.0;
+  if (column >= free && *s->groups <= DENSE) {
+    copy(re, st->J + (column - free) * free, free);
+    return;
+  }
   if (column >= free) {
     const double *J = st->J + (column - free) * free;
     for (Int j = next_of(linked, 0, free); j < free; j = next_of(linked, j + 1, free))

@@ -7,6 +7,8 @@
 #include "sparsity.h"
 #include "march.h"
 
+enum { FEW = 32 }; /* unknowns, below which no order pays */
+static const double WORTH = 0.5; /* of the products of all as one group: short spans are slower */
 enum { SLACK = 4, GAP = 4 }; /* zeros that are worth a wider group, and a longer span */
 
 static void put(uint64_t *set, Int i) { set[i >> 6] |= (uint64_t)1 << (i & 63); }
@@ -115,20 +117,39 @@ Sparsity sparsity(const Tables *t, const Stages *st) {
   return s;
 }
 
+static void one_group(Int n, Sparsity *s) {
+  if (n) s->group->end = n, s->group->spans = 0;
+  for (Int k = 0; k < n; k++) s->order[k] = s->place[k] = k, s->top[k] = 0;
+}
+
 void dense(const Tables *t, const Stages *st) {
   Sparsity s = sparsity(t, st);
-  Int n = st->free + t->closures;
-  *s.groups = -1; /* not what `find_sparsity` knows */
-  if (n) s.group->end = n, s.group->spans = 0;
-  for (Int i = 0; i < n * words_of(n); i++) s.links[i] = ~(uint64_t)0;
-  for (Int k = 0; k < n; k++) s.order[k] = s.place[k] = k, s.top[k] = 0;
+  *s.groups = UNKNOWN;
+  one_group(st->free + t->closures, &s);
+}
+
+/* Products of a factorisation, group by group. */
+static double products(Int n, const Sparsity *s) {
+  const Group *g = s->group;
+  double sum = 0.0;
+  for (Int k = 0; k < n; k++) {
+    Int rows = g->end - k - 1;
+    for (Int p = 0; p < g->spans; p++) rows += g->at[2 * p + 1] - g->at[2 * p];
+    sum += (double)rows * (double)rows;
+    if (k + 1 == g->end) g++;
+  }
+  return sum;
 }
 
 void find_sparsity(const Tables *t, const Stages *st) {
   Sparsity s = sparsity(t, st);
-  Int n = st->free + t->closures, words = words_of(n), same = *s.groups > 0;
+  Int n = st->free + t->closures, words = words_of(n), same = *s.groups != UNKNOWN;
   uint64_t *set = s.links + n * words;
   Int *rank = (Int *)(set + n * words), *parent = rank + n, *more = parent + n;
+  if (n < FEW) {
+    if (!same) one_group(n, &s), *s.groups = DENSE;
+    return;
+  }
   links(st, t->closures, set);
   for (Int i = 0; i < n * words; i++) same = same && s.links[i] == set[i], s.links[i] = set[i];
   if (same) return;
@@ -136,4 +157,6 @@ void find_sparsity(const Tables *t, const Stages *st) {
   eliminated(st->free, n, n, set, rank, eliminated(0, st->free, n, set, rank, 0));
   branches(n, set, rank, parent, more, s.order);
   find_groups(n, set, parent, (unsigned char *)more, &s);
+  if (3.0 * products(n, &s) < WORTH * n * n * n) return;
+  one_group(n, &s), *s.groups = DENSE;
 }

@@ -4,14 +4,14 @@
 
 #include "stages.h"
 
-enum { SPANS = 4 };
+enum { SPANS = 4, UNKNOWN = 0, DENSE = 1 };
 
 /* Unknowns up to `end` with the same neighbours: these are in spans [at[0], at[1]), [at[2], at[3]) ... */
 typedef struct {
   Int end, spans, at[2 * SPANS];
 } Group;
 
-/* groups: how many, one number; -1: one, by `dense`. order: which unknown stands where, free rows
+/* groups: how many, one number; DENSE: all are one; UNKNOWN: too, as `dense` has it. order: which unknown stands where, free rows
    before closures; place: the other way. top: of each column, the first row of U. links: by unknown,
    a bit for each that an entry links it with. All behind the pivots of the stages, in
    (17 + 2 ((n + 63) / 64)) n + 1 numbers for n unknowns. */
