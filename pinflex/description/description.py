@@ -344,7 +344,11 @@ class Description:
         return flexible.expand(blocks, f"{self.name}.yaml: flexible", self.tree())
 
     def blocks(self) -> dict[str, Any]:
-        """The YAML as plain data."""
+        """The YAML as plain data, the caller's own."""
+        return copy.deepcopy(self._blocks)
+
+    @cached_property
+    def _blocks(self) -> dict[str, Any]:
         label = f"{self.name}.yaml"
         return schema.mapping(yaml_text.load(self.yaml_text, label), label)
 

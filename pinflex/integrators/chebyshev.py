@@ -258,10 +258,8 @@ class Varying:
 
 
 def together(parts: Sequence[Varying], grid: Interpolation, at: slice | IntArray) -> list[Array]:
-    """Several matrices at steps, shape (steps, ...) each: one interpolation for all of them."""
-    ends = np.cumsum([len(x.entries) for x in parts])
-    values = np.split(grid.between(np.hstack([x.values for x in parts]), at), ends[:-1], axis=1)
-    return [x.filled(each) for x, each in zip(parts, values, strict=True)]
+    """Several matrices at steps, shape (steps, ...) each."""
+    return [x.along(grid, at) for x in parts]
 
 
 def varying(x: Array) -> Varying:

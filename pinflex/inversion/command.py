@@ -22,7 +22,7 @@ from pinflex.integrators.run import Run
 from pinflex.inversion.differences import EIGHTH, padded, rates, spline
 from pinflex.inversion.instant import Balanced, Instant
 from pinflex.inversion.internal import Poles, internal_poles
-from pinflex.inversion.on_grid import instants_over, on_grid
+from pinflex.inversion.on_grid import Answer, instants_over, on_grid
 from pinflex.inversion.target import require_within_curves, require_within_limits, target
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
@@ -288,15 +288,14 @@ def command(
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
     n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
-    best = np.inf
+    on = partial(_on_grid, mechanism, motion, level, held, poles, (ahead, behind))
+    best, answer = np.inf, None
     while True:
-        found, rigid, _ = _on_grid(mechanism, motion, level, held, poles, (ahead, behind), n)
+        found, answer, _ = on(n, answer)
         by_grid = found.error - found.cut_off
-        missed = float(np.max(by_grid / np.maximum(rigid, 1e-300)))
+        missed = float(np.max(by_grid / np.maximum(answer.missed, 1e-300)))
         if tol is None and missed > _POOR and level == "exact":
-            finer, _, gain = _on_grid(
-                mechanism, motion, level, held, poles, (ahead, behind), int(_REFINED * n)
-            )
+            finer, _, gain = on(int(_REFINED * n), answer)
             found = _held_against(found, finer, gain)
         if tol is None or missed <= tol:
             break
@@ -372,14 +371,15 @@ def _on_grid(
     poles: Poles | None,
     rests: tuple[float, float],
     n: int,
-) -> tuple[Command, Array, Array]:
-    """A command on n instants, by how much the rigid one misses, and the gain (nt, k, nm)."""
+    coarser: Answer | None,
+) -> tuple[Command, Answer, Array]:
+    """A command on n instants, what it was made of, and the gain (nt, k, nm)."""
     ahead, behind = rests
     t = np.arange(n + _TAIL, dtype=float) * ((ahead + motion.duration + behind) / (n - 1))
     wanted = target(mechanism, motion, t, ahead, coordinates)
     instant = Instant(mechanism, wanted)
     kept = slice(n)
-    answer = on_grid(instant, motion, level, kept)
+    answer = on_grid(instant, motion, level, kept, coarser.grid if coarser else None)
     position = instant.axes.read(answer.found.y)
     if len(instant.axes.paired):
         position = np.unwrap(position, axis=0)
@@ -414,7 +414,7 @@ def _on_grid(
         curve=curve,
         look=partial(platform_bar, mechanism, wanted.names),
     )
-    return found, answer.missed, wanted.gain[kept]
+    return found, answer, wanted.gain[kept]
 
 
 def _held_against(coarse: Command, finer: Command, gain: Array) -> Command:

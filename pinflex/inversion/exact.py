@@ -17,15 +17,11 @@ dynamics as an optimal control problem with the elastic energy as its cost.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.polynomial import chebyshev
-from scipy.sparse import block_diag, csr_array, eye_array, hstack, vstack
-from scipy.sparse.linalg import splu
 
 from pinflex.actuation.drive import breaks
 from pinflex.actuation.motors import MotorAxes, motor_axes
@@ -36,18 +32,20 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.inversion.differences import EIGHTH, FOURTH, padded, rates
 from pinflex.inversion.instant import Balanced, Instant
+from pinflex.inversion.saddle import Saddle
 from pinflex.inversion.target import Target, delayed
 from pinflex.levels.rigid import solve_rigid
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
 _HELD = 1e8  # weight of rest at the start over that of a deviation elsewhere
 _SMALL = 1e-6  # weight of the rigid coordinates over the smallest stiffness
-_REGULAR = 1e-13  # keeps the saddle matrix regular where constraints depend on each other
-_DONE = 1e-10  # m or rad: the last correction; the one after it is round-off
+_DONE = 1e-10  # m or rad: the correction that would be next is round-off
 _STALLED = 1e-7  # m or rad: corrections that no longer shrink from here on are round-off
 _ASTRAY = 100.0  # m or rad: a first correction of 10 may still settle
 _DEFERRED = 2  # corrections by differences of order 8: the first gains two orders, so the second
 _MOST = 20
+_BENT = 1e-4  # m or rad: the last correction, below which rows turn too little to matter
 _OPPOSITE = -0.5  # of the last correction: beyond it corrections overshoot
 _SLOW = 0.3  # contraction above which a new matrix pays: it costs as much as ten corrections
 _PAD = FOURTH.reach
@@ -70,18 +68,20 @@ class Inverted:
     iterations: int
 
 
-def invert(instant: Instant, start: Balanced) -> Inverted:
-    """Solve for all instants at once, from the quasistatic motion.
+def invert(instant: Instant, reference: Balanced, start: Balanced | None = None) -> Inverted:
+    """Solve for all instants at once.
+
+    `reference`: the quasistatic motion. `start`: what to begin from; default: that.
 
     Raises:
         ConvergenceError: The iterations do not settle: the motion is too fast for the grid or
             for the mechanism.
     """
-    inversion, new = _Inversion(instant, start), True
+    inversion, new = _Inversion(instant, reference, start or reference), True
     before = size = np.inf
     for iteration in range(1, _MOST + 1):
-        size = inversion.correct(new)
-        if size < _DONE or (size < _STALLED and size > 0.5 * before):
+        size = inversion.correct(new, before)
+        if _settled(size, before):
             fourth = inversion.motors()
             inversion.refine()
             return Inverted(inversion.balanced(), inversion.motors() - fourth, iteration + 1)
@@ -98,9 +98,16 @@ def invert(instant: Instant, start: Balanced) -> Inverted:
             "coordinates as there are motors, or slow the motion down."
         )
     raise ConvergenceError(
-        f"command: the inversion over {len(start.y)} instants of {h:.3g} s does not settle (last "
-        f"change {size:.2g}). {why}"
+        f"command: the inversion over {len(reference.y)} instants of {h:.3g} s does not settle "
+        f"(last change {size:.2g}). {why}"
     )
+
+
+def _settled(size: float, before: float) -> bool:
+    """Whether the next correction is round-off, by the last two."""
+    rate = size / before
+    following = size * rate if 0.0 < rate < _SLOW else size
+    return following < _DONE or (size < _STALLED and rate > 0.5)
 
 
 class _Inversion:
@@ -113,30 +120,36 @@ class _Inversion:
     on the right: what an old matrix misses, also of the least energy, the next correction has.
     """
 
-    def __init__(self, instant: Instant, start: Balanced) -> None:
-        self.instant = instant
+    def __init__(self, instant: Instant, reference: Balanced, start: Balanced) -> None:
+        self.instant, self._manifold = instant, Manifold(instant.dynamics)
         self.h = float(instant.target.t[1] - instant.target.t[0])
-        self.reference = padded(start.y, _PAD)
-        self.y, self.lam = self.reference.copy(), start.lam.copy()
+        self.reference = padded(reference.y, _PAD)
+        self.y, self.lam = padded(start.y, _PAD), start.lam.copy()
         free, held = _weights(instant)
-        self.weights = [held if k <= _PAD else free for k in range(len(self.y))]
-        self._solve: Callable[[Array], Array] = np.asarray
+        self.weights = np.stack([held if k <= _PAD else free for k in range(len(self.y))])
         nv, nt, per = instant.system.nv, len(self.lam), instant.system.nv + instant.rows
         self._wide = np.zeros((nt, per, _WIDTH * nv + instant.rows))  # G, instant by instant
         self._scale, self._mu = np.ones((nt, per)), np.zeros((nt, per))
-        self._last, self._share = np.zeros(self.y.shape[0] * nv), 1.0
+        self._last, self._share = np.zeros((len(self.y), nv)), 1.0
+        self._saddle: Saddle | None = None
 
-    def correct(self, new: bool) -> float:
-        """One linear system for all instants; returns the largest correction of a pose."""
+    def correct(self, new: bool, last: float) -> float:
+        """One linear system for all instants; returns the largest correction of a pose on the grid.
+
+        Those beyond the end, which are free, move a thousand times as far and matter to nothing.
+        `new`: with a matrix of its own. `last`: the correction before.
+        """
         v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
         e = self._rows(v, a)
-        self._differentiate(v, a)
+        if new or last > _BENT:
+            self._differentiate(v, a)
+            if new:
+                old, self._scale = self._scale, 1.0 / np.maximum(_largest(self._wide), 1e-300)
+                self._mu *= old / self._scale
+            self._wide *= self._scale[:, :, None]
         if new:
-            last, self._scale = self._scale, 1.0 / np.maximum(np.abs(self._wide).max(2), 1e-300)
-            self._mu *= last / self._scale
-        self._wide *= self._scale[:, :, None]
-        if new:
-            self._solve = splu(self._saddle()).solve
+            self._saddle = None  # its memory first
+            self._saddle = Saddle(self.weights, self._wide, len(self.instant.free))
         return self._move(e)
 
     def refine(self) -> None:
@@ -165,30 +178,25 @@ class _Inversion:
 
     def _move(self, e: Array) -> float:
         """Correct poses and multipliers by the factorised system for open rows e (nt, rows)."""
-        d = self.instant.dynamics
-        away = np.array([d.difference(*pair) for pair in zip(self.reference, self.y, strict=True)])
-        pull = np.array([W @ x for W, x in zip(self.weights, away, strict=True)])
-        pushed, (nt, nv) = (self._mu[:, None] @ self._wide)[:, 0], (len(e), away.shape[1])
-        for j in range(_WIDTH):
-            pull[j : j + nt] += pushed[:, j * nv : (j + 1) * nv]
-        shared = pushed[:, _WIDTH * nv :]
-        left = np.concatenate([x.ravel() for x in (pull, shared, e * self._scale)])
-        step = self._solve(-left)
-        step = self._shared(step, away.size)
-        moves, more, mu = np.split(step, [away.size, away.size + self.lam.size])
-        moves = moves.reshape(away.shape)
-        self.y = np.array([d.integrate(*pair) for pair in zip(self.y, moves, strict=True)])
-        self.lam = self.lam + more.reshape(self.lam.shape)
-        self._mu += mu.reshape(self._mu.shape)
-        return float(np.max(np.abs(moves)))
+        assert self._saddle is not None
+        poses = self._wide.shape[2] - self.instant.rows
+        away = self._manifold.log(self.reference, self.y)
+        pushed = (self._mu[:, None] @ self._wide)[:, 0]
+        pull = (self.weights @ away[:, :, None])[:, :, 0] + self._saddle.spread(pushed[:, :poses])
+        found = self._saddle.solve(-pull, -pushed[:, poses:], -e * self._scale)
+        moves, more, mu = (self._shared(found[0]) * x for x in found)
+        self.y = self._manifold.retract(self.y, moves)
+        self.lam = self.lam + more
+        self._mu += mu
+        return float(np.max(np.abs(moves[_PAD:-_PAD])))
 
-    def _shared(self, step: Array, poses: int) -> Array:
+    def _shared(self, moves: Array) -> float:
         """The share of a correction at which, where it turns back the last one, none is left."""
-        moves, last = step[:poses], self._last
-        along = float(moves @ last) / max(float(last @ last), 1e-300)
+        last = self._last
+        along = float(np.vdot(moves, last)) / max(float(np.vdot(last, last)), 1e-300)
         self._share = self._share / (1.0 - along) if along < _OPPOSITE else 1.0
-        self._last = moves.copy()
-        return self._share * step
+        self._last = moves
+        return self._share
 
     def _differentiate(self, v: Array, a: Array) -> None:
         """Jacobian of the rows of each instant by the poses about it and its multipliers."""
@@ -221,20 +229,10 @@ class _Inversion:
         own, neighbour = (pin.dDifference(model, q0, q1, argument) for argument in by)
         return own, neighbour
 
-    def _saddle(self) -> Any:
-        """[H G'; G 0] by poses, multipliers and rows; G from the rows of each instant."""
-        nv, (nt, per, _), rows = self.instant.system.nv, self._wide.shape, self.instant.rows
-        poses, unknown = len(self.y) * nv, len(self.y) * nv + nt * rows
-        at_k, row, column = np.nonzero(self._wide)  # row by row, as csr wants them
-        shared, at = column - _WIDTH * nv, at_k * nv + column
-        at = np.where(shared < 0, at, poses + at_k * rows + shared)
-        count = np.bincount(at_k * per + row, minlength=nt * per)
-        entries = self._wide[at_k, row, column], at, np.append(0, np.cumsum(count))
-        G = csr_array(entries, shape=(nt * per, unknown))
-        H = block_diag([*self.weights, csr_array((nt * rows, nt * rows))], format="csr")
-        above = hstack([H, G.T.tocsr()], format="csr")
-        below = hstack([G, -_REGULAR * eye_array(nt * per, format="csr")], format="csr")
-        return vstack([above, below], format="csr").T  # symmetric, and csc for splu
+
+def _largest(wide: Array) -> Array:
+    """Size of each row (nt, per) of tables (nt, per, n), without a copy of them."""
+    return np.asarray(np.maximum(wide.max(axis=2), -wide.min(axis=2)))
 
 
 def _weights(instant: Instant) -> tuple[Array, Array]:

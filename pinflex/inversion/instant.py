@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import inv
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.arrays import Array, IntArray, spans
@@ -176,7 +175,8 @@ class _Balance:
             if self._inverse is None:
                 k = int(at[middle])
                 found = self.instant.tangents(k, y[middle], v[middle], a[middle], lam[middle])
-                self._inverse = inv(_square(found))  # a product each is cheaper than solving
+                # a product each is cheaper than solving
+                self._inverse = np.asarray(np.linalg.inv(_square(found)), float)
             step = -(e @ self._inverse.T)
             size = float(np.max(np.abs(step[:, :n])))
             if not size < 1e3:  # not a number either

@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eig
 
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.inversion.instant import Balanced, Instant, balanced
 from pinflex.inversion.on_grid import rigid_guess
 from pinflex.inversion.target import Target, target
-from pinflex.linalg import null_space
+from pinflex.linalg import lapack, null_space
 from pinflex.mechanics.mechanism import Mechanism
 
 _FORGOTTEN = 1e-7  # share of a pre-actuation that is cut off
@@ -87,7 +86,10 @@ def _at(instant: Instant, k: int, rest: Balanced) -> Array:
     n, none = len(M), np.zeros_like(M)
     A = np.block([[none, np.eye(n)], [-K, -C]])
     E = np.block([[np.eye(n), none], [none, M]])
-    alpha, beta = eig(A, E, right=False, homogeneous_eigvals=True)
+    real, imaginary, beta, *_, info = lapack().dggev(A, E, compute_vl=0, compute_vr=0)
+    if info:
+        raise np.linalg.LinAlgError(f"dggev: info {info}")
+    alpha = real + 1j * imaginary
     finite = np.abs(beta) > _MASSLESS * np.abs(alpha) / max(float(np.max(np.abs(A))), 1e-300) ** 0.5
     poles = alpha[finite] / beta[finite]
     return np.asarray(poles[np.argsort(np.abs(poles))])

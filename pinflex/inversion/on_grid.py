@@ -304,6 +304,29 @@ def series(instant: Instant, kept: slice = slice(None)) -> Series:
 
 
 @dataclass(frozen=True)
+class Grid:
+    """What is known on one grid, to begin with on a finer one.
+
+    Attributes:
+        slow, found: The quasistatic motion and the exact one.
+        missed: By how much the rigid command misses the platform's coordinates, shape (k,).
+    """
+
+    instant: Instant
+    slow: Balanced
+    found: Balanced
+    missed: Array
+
+    def carried(self, motion: Balanced, finer: Instant) -> Balanced:
+        """A motion at the instants of a finer grid: how far it is from the rigid one is smooth."""
+        here, there = (rigid_guess(x)[0] for x in (self.instant, finer))
+        manifold, n = Manifold(finer.dynamics), motion.lam.shape[1]
+        away = np.concatenate([motion.lam, manifold.log(here.y, motion.y)], axis=1)
+        found = spline(self.instant.target.t, away)(finer.target.t)
+        return Balanced(manifold.retract(there.y, found[:, n:]), found[:, :n], there.torque)
+
+
+@dataclass(frozen=True)
 class Answer:
     """Motor motion on a grid.
 
@@ -315,6 +338,7 @@ class Answer:
         changes: Of the motors by each term of the series, level quasistatic.
         curve: Motor positions by time and order of derivative, where known in closed form.
         swing: Bar on the platform when motors stop at the end [m | rad], shape (k,).
+        grid: Level exact by inversion: what a finer grid starts from.
     """
 
     found: Balanced
@@ -324,11 +348,18 @@ class Answer:
     changes: tuple[float, ...] = ()
     curve: Callable[..., Array] | None = None
     swing: Array | None = None
+    grid: Grid | None = None
 
 
-def on_grid(instant: Instant, motion: Motion, level: str, kept: slice) -> Answer:
-    """Find the motor motion at every instant."""
-    wanted, slow = instant.target, series(instant, kept)
+def on_grid(
+    instant: Instant, motion: Motion, level: str, kept: slice, coarser: Grid | None = None
+) -> Answer:
+    """Find the motor motion at every instant, level exact from what a coarser grid has, if any."""
+    wanted = instant.target
+    if coarser is not None and level == "exact":
+        reference, start = (coarser.carried(x, instant) for x in (coarser.slow, coarser.found))
+        return _exact(instant, motion, reference, start, coarser.missed, kept)
+    slow = series(instant, kept)
     apart = instant.axes.read(slow.found.y) - wanted.motors
     missed = _at_platform(wanted.gain[kept], apart[kept])
     if level == "quasistatic":
@@ -337,19 +368,22 @@ def on_grid(instant: Instant, motion: Motion, level: str, kept: slice) -> Answer
         law = delayed(motion, wanted.before)
         torque = solve_rigid(instant.mechanism, law, wanted.t).torque
         return Answer(replace(rigid_guess(instant)[0], torque=torque), missed, missed)
-    return _exact(instant, motion, slow.found, missed, kept)
+    return _exact(instant, motion, slow.found, slow.found, missed, kept)
 
 
-def _exact(instant: Instant, motion: Motion, guess: Balanced, missed: Array, kept: slice) -> Answer:
+def _exact(
+    instant: Instant, motion: Motion, slow: Balanced, start: Balanced, missed: Array, kept: slice
+) -> Answer:
     """Stable inversion, or its closed form where gears alone give way."""
     wanted = instant.target
     gain, t = wanted.gain[kept], wanted.t
     smooth = flat(instant.mechanism, motion, wanted)
     if smooth is None:
-        exact = invert(instant, guess)
-        error = _at_platform(gain, exact.error[kept])
-        swing = swing_after(instant, exact.found, guess, len(gain))
-        return Answer(exact.found, error, missed, iterations=exact.iterations, swing=swing)
+        exact = invert(instant, slow, start)
+        error, count = _at_platform(gain, exact.error[kept]), exact.iterations
+        swing = swing_after(instant, exact.found, slow, len(gain))
+        grid = Grid(instant, slow, exact.found, missed)
+        return Answer(exact.found, error, missed, iterations=count, swing=swing, grid=grid)
     found = Balanced(smooth.poses(t), np.zeros((len(t), instant.rows)), smooth.torque(t))
     error = _at_platform(gain, np.tile(smooth.error, (len(gain), 1)))
     return Answer(found, error, missed, curve=smooth.position)

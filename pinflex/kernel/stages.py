@@ -128,8 +128,9 @@ class StageKernel:
         free, motors = len(rows.free_at), len(rows.motor_v)
         size = free + closures
         names = (field.name for field in fields(Rows) if field.name != "prescribed")
+        order = (17 + 2 * ((size + 63) // 64)) * size + 1  # sparsity.h
         integers = Block(
-            {"pivot": ((values + 2) * size + 1,)}, {k: getattr(rows, k) for k in names}, np.int64
+            {"pivot": (values * size + order,)}, {k: getattr(rows, k) for k in names}, np.int64
         )
         shapes = {
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),

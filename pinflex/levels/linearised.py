@@ -17,7 +17,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks, sample_times
 from pinflex.actuation.nominal import Nominal, between, nominal
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.integrators.chebyshev import (
     NOISE,
@@ -37,6 +37,7 @@ _USUAL, _ROUGH, _CLOSE = 24, 16, 1e-5  # where something does: they serve most m
 # the second where `close` is no less than the last
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
+_PERHAPS = 0.25  # of round-off: what changes so much at the first nodes may pass it at others
 _CHUNK = 32  # steps that are interpolated at a time for a method in Python
 _RESTING = 1e-12  # of the largest speed: round-off of a motion that has ended
 _NATURAL = 1e-5  # of what is natural for a matrix: smaller ones, round-off alone perhaps, are
@@ -265,13 +266,15 @@ def _interpolated(
         packed(np.concatenate([pieces.times(n), corners])), [sum(n) + len(n)]
     )
     resting = set(range(len(pieces))) - _moving(pieces, known)
-    for everything in (False, True):
-        entries = VaryingEntries(packed, first, like, everything)
+    also: BoolArray | None = None
+    while True:
+        entries = VaryingEntries(packed, first, like, also)
         begin = np.split(entries.picked(first), np.cumsum(np.array(n) + 1)[:-1])
         values, missed = pieces.refined(begin, entries.at, entries.relative, close, most, resting)
         values.append(entries.picked(at_corners))
-        if not entries.late:
+        if not np.any(entries.late):
             break
+        also = entries.varies | entries.late
     grid = Interpolation(pieces, [len(x) - 1 for x in values[:-1]], t)
     return InterpolatedPath(grid, entries.parts(np.concatenate(values)), missed)
 
@@ -290,7 +293,8 @@ class VaryingEntries:
     terms are made of.
 
     Attributes:
-        late: Whether others varied after all, at times that were asked for later.
+        varies: Which do, shape (width,).
+        late: Which others varied after all, at times that were asked for later.
     """
 
     def __init__(
@@ -298,20 +302,25 @@ class VaryingEntries:
         packed: Callable[[Array], Array],
         first: Array,
         like: Matrices,
-        everything: bool = False,
+        also: BoolArray | None = None,
     ) -> None:
-        """Find out which vary at the first nodes."""
-        self._packed, self._constant, self.late = packed, first[0].copy(), False
+        """Find out which vary at the first nodes, beside those that are known to."""
+        self._packed, self._constant = packed, first[0].copy()
         self._shapes = [x.shape for x in like]
         self._block, n = _blocks(like), 2 * len(like)
-        sizes = _largest(first, self._block, n)
+        low, high = _ends(first)
+        sizes = _largest(low, high, self._block, n)
         natural = sizes.reshape(-1, 2).max(axis=1)  # of the same matrix in all rows
         M, C, K = natural[:3]
         natural = np.array([M, max(C, float(np.sqrt(M * K))), K, 0.0, 0.0, 0.0])  # others: own
         self._sizes = np.maximum(sizes, _NATURAL * np.repeat(natural, 2))
         self._noise = (NOISE * self._sizes)[self._block]
-        self._varies = (np.ptp(first, axis=0) > self._noise) | everything
-        self._varies[:1] |= not np.any(self._varies)  # arrays without columns have no length
+        self.varies = high - low > _PERHAPS * self._noise
+        if also is not None:
+            self.varies |= also
+        self.varies[:1] |= not np.any(self.varies)  # arrays without columns have no length
+        self.late = np.zeros_like(self.varies)
+        self._entries = np.flatnonzero(self.varies)
 
     def at(self, times: Array) -> Array:
         """The varying entries at times, shape (k, varying)."""
@@ -319,20 +328,22 @@ class VaryingEntries:
 
     def picked(self, systems: Array) -> Array:
         """The varying entries of packed systems, shape (k, varying)."""
-        constant = ~self._varies
-        differs = np.abs(systems[:, constant] - self._constant[constant]) > self._noise[constant]
-        self.late |= bool(np.any(differs))
-        self._sizes = np.maximum(self._sizes, _largest(systems, self._block, len(self._sizes)))
-        return systems[:, self._varies]
+        if len(systems):
+            low, high = _ends(systems)
+            differs = np.maximum(high - self._constant, self._constant - low) > self._noise
+            self.late |= differs & ~self.varies
+            now = _largest(low, high, self._block, len(self._sizes))
+            self._sizes = np.maximum(self._sizes, now)
+        return systems.take(self._entries, axis=1)
 
     def relative(self, missed: Array) -> float:
         """Largest miss of each matrix over its size; the worst of all."""
-        far = _largest(missed, self._block[self._varies], len(self._sizes))
+        far = _largest(*_ends(missed), self._block[self._entries], len(self._sizes))
         return float(np.max(far / np.maximum(self._sizes, 1e-300), initial=0.0))
 
     def parts(self, values: Array) -> list[Varying]:
         """Each matrix from the varying entries at all times, shape (size, varying)."""
-        parts, start, entries = [], 0, np.flatnonzero(self._varies)
+        parts, start, entries = [], 0, self._entries
         for shape in self._shapes:
             end = start + int(np.prod(shape))
             a, b = np.searchsorted(entries, (start, end))
@@ -351,11 +362,15 @@ def _blocks(like: Matrices) -> IntArray:
     return np.concatenate([2 * kind + x for kind, x in enumerate(of)])
 
 
-def _largest(x: Array, block: IntArray, count: int) -> Array:
-    """Largest entry of each block over rows x (k, width), shape (count,)."""
+def _ends(x: Array) -> tuple[Array, Array]:
+    """Least and largest of each column of rows x (k, width), shape (width,) each."""
+    return np.asarray(x.min(axis=0)), np.asarray(x.max(axis=0))
+
+
+def _largest(low: Array, high: Array, block: IntArray, count: int) -> Array:
+    """Largest size in each block of columns between `low` and `high`, shape (count,)."""
     largest = np.zeros(count)
-    ends = np.maximum(np.max(x, axis=0, initial=0.0), -np.min(x, axis=0, initial=0.0))
-    np.maximum.at(largest, block, ends)
+    np.maximum.at(largest, block, np.maximum(high, -low))
     return largest
 
 

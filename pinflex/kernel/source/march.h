@@ -51,7 +51,7 @@ typedef struct {
   Int *piece;                        /* that each law of pieces is in, (kinks,) */
   double *hit;                       /* speed at which it came there, (kinks,) */
   double *placed, *x;                /* the start and the stages: y, (s + 1, nq), and laws, (s + 1, kinks) */
-  double *start_lu, *start_x;        /* complex */
+  double *start_lu, *start_x;        /* matrix and room */
   Int *start_pivot;
   double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
   double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
@@ -96,9 +96,7 @@ void body_move(int flat, const double *q, const double *move, double *out);
 void body_way(int flat, const double *q, const double *to, double *move);
 void body_turn(int flat, const double *move, const double *v, double *out);
 
-/* newton.c: complex LU, columns one after the other */
-int decompose(double *re, double *im, Int n, Int *pivot);
-void substitute(const double *re, const double *im, Int n, const Int *pivot, double *x, double *y);
+/* newton.c */
 int pinflex_factor(const Tables *t, const Stages *st);
 
 /* attempt.c: the step of length h; 0: Newton does not get there. take_inputs: where it starts, and

@@ -28,7 +28,7 @@ static void fill(const Tables *t, March *m, const double *M) {
   double *scale = m->start_x + size, *S = m->start_lu;
   const double *J = M + 3 * nv * nv;
   scales(st, nv, rows, M, scale);
-  for (Int i = 0; i < 2 * size * size; i++) S[i] = 0.0;
+  for (Int i = 0; i < size * size; i++) S[i] = 0.0;
   for (Int i = 0; i < n; i++) {
     for (Int j = 0; j < n; j++)
       S[j * size + i] = M[st->free_at[i] * nv + st->free_at[j]] * scale[i] * scale[j];
@@ -39,9 +39,8 @@ static void fill(const Tables *t, March *m, const double *M) {
 
 static int factor_start(const Tables *t, March *m, const double *M) {
   Int size = m->stages->free + t->closures;
-  double *re = m->start_lu, *im = re + size * size;
   fill(t, m, M);
-  return decompose(re, im, size, m->start_pivot) && regular(re, size);
+  return factors(m->start_lu, size, m->start_pivot) && regular(m->start_lu, size);
 }
 
 /* What is solved for, of residuals r and second derivatives of the closures. */
@@ -63,10 +62,9 @@ static void move_start(const Tables *t, March *m, const double *x) {
 /* a and lam moved so that residuals and second derivatives of the closures end. */
 static void solve_start(const Tables *t, March *m, const double *r, const double *rates) {
   Int size = m->stages->free + t->closures;
-  double *re = m->start_lu, *x = m->stages->part;
+  double *x = m->stages->part;
   right_side(t, m, r, rates, x);
-  for (Int i = 0; i < size; i++) x[size + i] = 0.0;
-  substitute(re, re + size * size, size, m->start_pivot, x, x + size);
+  solve(m->start_lu, size, m->start_pivot, x);
   move_start(t, m, x);
 }
 

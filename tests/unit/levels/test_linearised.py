@@ -111,8 +111,10 @@ def test_what_varies_late_is_noticed():
     none, load = np.zeros((3, 0)), np.zeros(3)
     like = Matrices(none, none, none, np.zeros((0, 3)), load, np.zeros(0))
     entries = VaryingEntries(lambda _: then, first, like)
-    assert entries.at(t[2:]).shape == (2, 1) and entries.late
-    every = VaryingEntries(lambda _: then, first, like, everything=True)
-    assert np.array_equal(every.at(t[2:]), then) and not every.late
+    assert entries.at(t[2:]).shape == (2, 1)
+    assert entries.varies.tolist() == [False, True, False]
+    assert entries.late.tolist() == [False, False, True]
+    both = VaryingEntries(lambda _: then, first, like, also=entries.varies | entries.late)
+    assert np.array_equal(both.at(t[2:]), then[:, 1:]) and not np.any(both.late)
     found = varying(then)
     assert found.entries.tolist() == [1, 2] and np.array_equal(found.whole(), then)
