@@ -193,7 +193,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-# The plain march takes minutes by tol; that its steps are the kernel's is in unit/kernel/test_plain.
+# The plain march takes minutes by tol; its steps are the kernel's (unit/kernel/test_plain).
 WITHOUT_KERNEL = ("rigid", "quasistatic", "quasistatic, tol", "ked", "coupled, equal steps")
 
 
