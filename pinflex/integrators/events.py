@@ -6,13 +6,20 @@ acts, and accelerations begin anew; or a rigid stop gives back a part e of the s
     M dv - J' L = n p,   J dv = 0,   x'+ = -e x'-
 
 with m = 1 / (n . dv/p) the mass that the stop meets, which loses (1 - e^2) x'^2 m / 2 (Newton).
-Bounces that come ever faster have no end in finite steps (Zeno): they are told, and the run stops
-there.
+A stop that is at rest already takes part: with p >= 0 of each contact, L its multiplier,
+
+    M dv - J' L = N' p,   0 <= p  complementary to  N v+ + e N v- >= 0        (Moreau, 1988)
+
+Bounces that come ever faster have no end in finite steps (Zeno): one that is slow beside the fastest
+gives back nothing, and from there on the stop is held by a stiff spring (`kinks.resting`) until
+nothing presses it any more.
 """
 
 from __future__ import annotations
 
 import numpy as np
+
+from scipy.optimize import nnls
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError
@@ -21,9 +28,12 @@ from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
 from pinflex.results.views import Event
 
-_FAINT = 1e-7  # of the fastest bounce of a stop: those that are slower have no end
+_FAINT = 1e-6  # of the fastest bounce of a stop: those that are slower come to rest
 _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
+_WAY = 1e-4  # rad or m: over which directions of contacts are taken, to its fourth power
+_NEVER = 1e-14  # 1/kg or 1/(kg m^2): what moves by less under an impulse is held by motors
+_ALIKE = 1e-14  # contacts of the same direction share their impulse
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
 
 
@@ -39,6 +49,7 @@ class Events:
         self.kinks = problem.dynamics.system.kinks
         self.found: list[Event] = []
         self._fastest = np.zeros(len(self.kinks.rows))
+        self._eye = np.eye(problem.dynamics.system.nv)
         self._usual: dict[tuple[int, int], float] = {}
         self._still, self._last = 0, -np.inf
 
@@ -71,8 +82,8 @@ class Events:
                 "damping. error.result holds the run so far.", time=t,
             )  # fmt: skip
         speed = float(march.v[row.v]) if row.v >= 0 else float(at.speed)
-        if row.restitution >= 0.0:
-            self._bounce(march, k, t, speed)
+        if row.restitution >= 0.0 and piece == row.free:
+            self._bounce(march, k, side, t)
             return
         self._usual[k, piece] = float(at.planned)
         old, new = row.pieces[piece], row.pieces[piece + side]
@@ -83,37 +94,66 @@ class Events:
         stiffer = int(np.sign(new.stiffness - old.stiffness))
         self.found.append(Event(t, row.name, words[stiffer], abs(speed), 0.0, 0.0))
 
-    def _bounce(self, march: MarchKernel, k: int, t: float, speed: float) -> None:
-        row = self.kinks.rows[k]
-        self._fastest[k] = max(self._fastest[k], abs(speed))
-        if row.restitution < 1.0 and abs(speed) < _FAINT * self._fastest[k]:
-            raise ConvergenceError(
-                f"{self._name}: t = {t:.6g} s: {row.name}: its bounces come faster and faster and "
-                "end here: from now on it would rest on the stop, which a coefficient of "
-                "restitution does not say. Give the stop `stiffness` and `damping`, or end the run "
-                "(`until`) before. error.result holds the run so far.", time=t,
-            )  # fmt: skip
-        move = self._unit(march.y, row.v)
-        mass = 1.0 / move[row.v]
-        impulse = (1.0 + row.restitution) * mass * abs(speed)
-        march.v[...] -= np.sign(speed) * impulse * move
-        loss = 0.5 * (1.0 - row.restitution**2) * mass * speed**2
-        self.found.append(Event(t, row.name, "bounce", abs(speed), impulse, loss))
-
-    def _unit(self, y: Array, row: int) -> Array:
-        """What an impulse of one in a row changes of the velocities, shape (nv,)."""
-        d, free = self._problem.dynamics, self._problem.free
-        M, J = d.mass(y), d.close(y).J[:, free]
-        n, rows = len(free), len(J)
-        S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
-        pushed = np.concatenate([(free == row).astype(float), np.zeros(rows)])
-        move = np.zeros(len(M))
-        move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
-        if not move[row] > 1e-12 / max(abs(M[row, row]), 1e-300):
+    def _bounce(self, march: MarchKernel, k: int, side: int, t: float) -> None:
+        """Speeds after a stop is met, with all that rest on theirs."""
+        rows = self.kinks.rows
+        resting = {
+            j: int(march.piece[j]) - row.free
+            for j, row in enumerate(rows)
+            if row.restitution >= 0.0 and march.piece[j] != row.free
+        }
+        met = [k, *(j for j in resting if j != k)]
+        sides = np.array([side, *(resting[j] for j in met[1:])], float)
+        N = -sides[:, None] * self._directions(march.y, met)
+        before = N @ march.v
+        speed = abs(float(before[0]))
+        self._fastest[k] = max(self._fastest[k], speed)
+        e = np.array([rows[j].restitution for j in met])
+        faint = e < 1.0
+        faint[0] &= speed <= _FAINT * self._fastest[k]
+        e[faint] = 0.0
+        move = self._moves(march.y, N)
+        own = np.einsum("ij,ji->i", N, move)
+        if not np.all(own[0] > _NEVER):
             raise ConvergenceError(
                 f"{self._name}: a rigid stop is met by a motor that follows its motion whatever "
                 "happens. Give the stop `stiffness`, or write drive: torque."
             )
+        p = _impulses(N @ move, -(1.0 + e) * before)
+        march.v[...] += move @ p
+        after = N @ march.v
+        loss = -float(p @ (before + after)) / 2.0
+        for j, at, pressed, rate in zip(met, sides, p, after, strict=True):
+            stays = bool(faint[0]) if j == k else pressed > 0.0 or rate <= 0.0
+            march.piece[j] = rows[j].free + (int(at) if stays else 0)
+        what = "rest" if faint[0] else "bounce"
+        self.found.append(Event(t, rows[k].name, what, speed, float(p[0]), loss))
+
+    def _directions(self, y: Array, laws: list[int]) -> Array:
+        """What laws' coordinates change by velocities, shape (laws, nv)."""
+        system, nv = self._problem.dynamics.system, len(self._eye)
+        N = np.zeros((len(laws), nv))
+        of_bodies = [i for i, k in enumerate(laws) if self.kinks.rows[k].v < 0]
+        for i, k in enumerate(laws):
+            if self.kinks.rows[k].v >= 0:
+                N[i, self.kinks.rows[k].v] = 1.0
+        if of_bodies:
+            steps = [_WAY * w * e for w in (2.0, 1.0, -1.0, -2.0) for e in self._eye]
+            x = self._evaluator.elongations(np.array([system.integrate(y, dy) for dy in steps]))
+            weights = np.array([-1.0, 8.0, -8.0, 1.0]) / (12.0 * _WAY)
+            slopes = np.tensordot(weights, x.reshape(4, nv, -1), 1)
+            N[of_bodies] = slopes.T[[laws[i] for i in of_bodies]]
+        return N
+
+    def _moves(self, y: Array, N: Array) -> Array:
+        """What impulses of one along rows N (k, nv) change of the velocities, shape (nv, k)."""
+        d, free = self._problem.dynamics, self._problem.free
+        M, J = d.mass(y), d.close(y).J[:, free]
+        n, rows = len(free), len(J)
+        S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
+        pushed = np.concatenate([N[:, free].T, np.zeros((rows, len(N)))])
+        move = np.zeros((len(M), len(N)))
+        move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
         return move
 
     def losses(self, t: Array) -> Array:
@@ -122,3 +162,13 @@ class Events:
         each = np.concatenate([[0.0], np.cumsum([event.loss for event in self.found])])
         upto: IntArray = np.searchsorted(when, t, side="right")
         return np.asarray(each[upto])
+
+
+def _impulses(G: Array, wanted: Array) -> Array:
+    """p >= 0, complementary to G p - wanted >= 0, G (k, k) positive."""
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    L = np.linalg.cholesky(G / np.outer(scale, scale) + _ALIKE * np.eye(len(G)))
+    p = np.asarray(nnls(L.T, np.linalg.solve(L, wanted / scale))[0])
+    acts = p > 0.0  # of these exactly
+    p[acts] = np.linalg.lstsq(G[np.ix_(acts, acts)], wanted[acts], rcond=_ALIKE)[0]
+    return p

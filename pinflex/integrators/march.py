@@ -494,8 +494,7 @@ def _with_events(run: Run, events: Events) -> Run:
     """A run with its contacts, and the energy that bounces took."""
     said = [event._asdict() for event in events.found]
     settings: dict[str, object] = {**run.settings, "events": said}
-    springs, rows = run.system.loads.springs, run.system.kinks.rows
-    if gaps := {row.name: springs[row.spring][0].length for row in rows if row.pin}:
+    if gaps := {row.name: row.gap for row in run.system.kinks.rows if row.gap is not None}:
         settings["clearances"] = gaps
     work = None if run.work is None else run.work.copy()
     if work is not None:
