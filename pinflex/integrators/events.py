@@ -32,6 +32,7 @@ _FAINT = 1e-6  # of the fastest bounce of a stop: those that are slower come to 
 _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
 _WAY = 1e-4  # rad or m: over which directions of contacts are taken, to its fourth power
+_MEETS = 1e-9  # rad or m: within it several are met at once; landings are within it too
 _NEVER = 1e-14  # 1/kg or 1/(kg m^2): what moves by less under an impulse is held by motors
 _ALIKE = 1e-14  # contacts of the same direction share their impulse
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
@@ -83,7 +84,7 @@ class Events:
             )  # fmt: skip
         speed = float(march.v[row.v]) if row.v >= 0 else float(at.speed)
         if row.restitution >= 0.0 and piece == row.free:
-            self._bounce(march, k, side, t)
+            self._bounce(march, k, t)
             return
         self._usual[k, piece] = float(at.planned)
         old, new = row.pieces[piece], row.pieces[piece + side]
@@ -94,40 +95,49 @@ class Events:
         stiffer = int(np.sign(new.stiffness - old.stiffness))
         self.found.append(Event(t, row.name, words[stiffer], abs(speed), 0.0, 0.0))
 
-    def _bounce(self, march: MarchKernel, k: int, side: int, t: float) -> None:
-        """Speeds after a stop is met, with all that rest on theirs."""
-        rows = self.kinks.rows
-        resting = {
-            j: int(march.piece[j]) - row.free
-            for j, row in enumerate(rows)
-            if row.restitution >= 0.0 and march.piece[j] != row.free
-        }
-        met = [k, *(j for j in resting if j != k)]
-        sides = np.array([side, *(resting[j] for j in met[1:])], float)
-        N = -sides[:, None] * self._directions(march.y, met)
+    def _bounce(self, march: MarchKernel, k: int, t: float) -> None:
+        """Speeds after a stop is met, with all that are touched then or rest on theirs."""
+        rows, met = self.kinks.rows, self._touched(march)
+        laws, sides = list(met), np.array(list(met.values()), float)
+        rests = np.array([march.piece[j] != rows[j].free for j in laws])
+        N = -sides[:, None] * self._directions(march.y, laws)
         before = N @ march.v
-        speed = abs(float(before[0]))
-        self._fastest[k] = max(self._fastest[k], speed)
-        e = np.array([rows[j].restitution for j in met])
-        faint = e < 1.0
-        faint[0] &= speed <= _FAINT * self._fastest[k]
+        self._fastest[laws] = np.maximum(self._fastest[laws], -before)
+        e = np.array([rows[j].restitution for j in laws])
+        faint = rests | ((e < 1.0) & (-before <= _FAINT * self._fastest[laws]))
         e[faint] = 0.0
         move = self._moves(march.y, N)
-        own = np.einsum("ij,ji->i", N, move)
-        if not np.all(own[0] > _NEVER):
+        G = N @ move
+        if not G[laws.index(k), laws.index(k)] > _NEVER:
             raise ConvergenceError(
                 f"{self._name}: a rigid stop is met by a motor that follows its motion whatever "
                 "happens. Give the stop `stiffness`, or write drive: torque."
             )
-        p = _impulses(N @ move, -(1.0 + e) * before)
+        p = _impulses(G, -(1.0 + e) * before)
         march.v[...] += move @ p
         after = N @ march.v
-        loss = -float(p @ (before + after)) / 2.0
-        for j, at, pressed, rate in zip(met, sides, p, after, strict=True):
-            stays = bool(faint[0]) if j == k else pressed > 0.0 or rate <= 0.0
-            march.piece[j] = rows[j].free + (int(at) if stays else 0)
-        what = "rest" if faint[0] else "bounce"
-        self.found.append(Event(t, rows[k].name, what, speed, float(p[0]), loss))
+        for i, j in enumerate(laws):
+            stays = faint[i] and (p[i] > 0.0 or j == k)
+            march.piece[j] = rows[j].free + (met[j] if stays else 0)
+            if j == k or p[i] > 0.0:
+                what = "rest" if faint[i] else "bounce"
+                loss = -float(p[i] * (before[i] + after[i])) / 2.0
+                self.found.append(Event(t, rows[j].name, what, abs(before[i]), float(p[i]), loss))
+
+    def _touched(self, march: MarchKernel) -> dict[int, int]:
+        """Rigid stops that are touched, and on which side: 1 or -1."""
+        x, found = self._evaluator.elongations(march.y[None])[0], {}
+        for j, row in enumerate(self.kinks.rows):
+            if row.restitution < 0.0:
+                continue
+            side = int(march.piece[j]) - row.free
+            if not side:
+                ends = self.kinks.ends(j, row.free)
+                low, high = (abs(x[j] - end) < _MEETS * (1.0 + abs(end)) for end in ends)
+                side = int(high) - int(low)
+            if side:
+                found[j] = side
+        return found
 
     def _directions(self, y: Array, laws: list[int]) -> Array:
         """What laws' coordinates change by velocities, shape (laws, nv)."""

@@ -175,6 +175,7 @@ class _Refinement:
             # Where steps that are too long break off, shorter ones may pass; after one that passed,
             # it is round-off that they meet.
             self.failures += 1
+            self.runs -= 1
             if self.last is not None:
                 raise floor(self.scene, self.tol, self.last) from None
             if self.failures > _FAILURES:

@@ -67,7 +67,9 @@ class Touch(NamedTuple):
         fast = np.linalg.norm(slip, axis=1)
         held = self.friction * np.maximum(pull.force, 0.0)
         smooth = np.tanh(fast / self.speed) / np.maximum(fast, 1e-300)
-        rub = -(held * np.where(fast > _FAINT * self.speed, smooth, 1.0 / self.speed))[:, None] * slip
+        rub = (
+            -(held * np.where(fast > _FAINT * self.speed, smooth, 1.0 / self.speed))[:, None] * slip
+        )
         moment = self.radius * np.cross(out, rub)
         loss = pull.loss - np.sum(rub * slip, axis=1)
         return TouchForce(rub - pull.force[:, None] * out, moment, pull.energy, loss)
