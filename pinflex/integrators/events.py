@@ -26,6 +26,7 @@ from pinflex.errors import ConvergenceError
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
+from pinflex.mechanics.kinks import RINGS
 from pinflex.results.views import Event
 
 _FAINT = 1e-6  # of the fastest bounce of a stop: those that are slower come to rest
@@ -33,6 +34,7 @@ _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
 _WAY = 1e-4  # rad or m: over which directions of contacts are taken, to its fourth power
 _MEETS = 1e-9  # rad or m: within it several are met at once; landings are within it too
+_SINKS = 2.0 / RINGS  # s: first step of what comes to rest
 _NEVER = 1e-14  # 1/kg or 1/(kg m^2): what moves by less under an impulse is held by motors
 _ALIKE = 1e-14  # contacts of the same direction share their impulse
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
@@ -119,7 +121,9 @@ class Events:
         for i, j in enumerate(laws):
             stays = faint[i] and (p[i] > 0.0 or j == k)
             march.piece[j] = rows[j].free + (met[j] if stays else 0)
-            if j == k or p[i] > 0.0:
+            if stays:  # it sinks in
+                march.at.h = min(float(march.at.h), _SINKS)
+            if j == k or (p[i] > 0.0 and not rests[i]):
                 what = "rest" if faint[i] else "bounce"
                 loss = -float(p[i] * (before[i] + after[i])) / 2.0
                 self.found.append(Event(t, rows[j].name, what, abs(before[i]), float(p[i]), loss))

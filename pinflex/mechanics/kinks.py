@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pinflex.mechanics.model.expanded import Expansion
 
 FROM = -1e300  # where first pieces begin
-_RINGS = 1e5  # rad/s: of what rests on a rigid stop
+RINGS = 1e5  # rad/s: of what rests on a rigid stop
 
 
 class Piece(NamedTuple):
@@ -187,7 +187,7 @@ def resting(place: float, mass: float) -> Piece:
 
     So stiff that it gives way by 1e-10 of what accelerates it, and damped as fast as can be.
     """
-    return Piece(place, place, 0.0, mass * _RINGS**2, 1.0, 2.0 * mass * _RINGS)
+    return Piece(place, place, 0.0, mass * RINGS**2, 1.0, 2.0 * mass * RINGS)
 
 
 def stops(given: Stops, mass: float) -> tuple[Piece, ...]:
