@@ -10,6 +10,7 @@ from scipy.integrate import quad, solve_ivp
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
+from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -108,6 +109,144 @@ solve: {level: coupled, start: straight}
     assert np.all(np.array(off) < 4 * np.array(gaps))
     # Blows differ from run to run: the slope is one of sizes, not of a smooth function.
     assert slope(gaps, off) == pytest.approx(1.0, abs=0.2)
+
+
+# Flores, Leine, Glocker, Multibody System Dynamics 23 (2010) 165: a slider-crank of 150 rad/s whose
+# slider has 1 mm to each side in its guide.
+CRANK, ROD = 0.153, 0.306
+SLIDER_CRANK = (
+    Body("crank", "base", "revolute", mass=0.038, com=(CRANK / 2, 0, 0), inertia=(7.4e-5,) * 3),
+    Body("rod", "crank", "revolute", (CRANK, 0, 0), mass=0.038, com=(ROD / 2, 0, 0),
+         inertia=(5.9e-4,) * 3),
+    Body("slider", "rod", "revolute", (ROD, 0, 0), mass=0.076, inertia=(2.7e-6,) * 3),
+)  # fmt: skip
+
+
+def test_a_slider_with_clearance_in_its_guide_as_published(tmp_path: Path) -> None:
+    """Turns of the crank by two time-stepping schemes, which agree to 2e-5 (1e-3 asked for)."""
+    m = load(tmp_path, SLIDER_CRANK, """gravity: [0, -9.81, 0]
+actuated: []
+loops: {guide: {kind: prismatic, between: [base, slider], axis: [1, 0, 0], across: [0, 1, 0],
+                clearance: 1 mm, length: 0.1, height: 0.05, restitution: 0.4}}
+solve: {level: coupled, start: straight}
+""")
+    speeds = {"crank_joint": 150.0, "rod_joint": -225.0, "slider_joint": 75.0}
+    run = pf.solve(m, pf.hold(duration=0.1), tol=1e-4, samples=101, start_speeds=speeds)
+    turns = run.joint("crank_joint").position[[2, 5, 10, 20, 40, 60, 80, 100]] / (2 * np.pi)
+    published = (0.043894, 0.091702, 0.150936, 0.256959, 0.627205, 0.869374, 1.168974, 1.439418)
+    np.testing.assert_allclose(turns, published, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(turns[:4], published[:4], rtol=0, atol=2e-6)  # before errors add up
+    assert {x.what for x in run.events} == {"bounce", "rest", "release"}
+    stored = run.array("energy/kinetic") + run.array("energy/gravity")
+    # As far as steps resolve how contacts sink in: tol of the energy.
+    assert np.diff(stored).max() < 1e-4 * stored[0]
+    reached = np.abs(run.array("loop/guide/orbit")[:, 0]).max()
+    assert 0.9e-3 < reached < 1e-3 + 1e-6
+
+
+def test_friction_of_a_pin_that_turns_in_its_hole(tmp_path: Path) -> None:
+    """A wheel whose pin lies in its hole and turns: it climbs and slows down, by DOP853."""
+    mass, inertia, mu, radius, g, spin, end = 0.3, 2e-4, 0.3, PIN / 2, 9.81, 60.0, 0.02
+    chi, slow = 8 * 0.5 / (5 * 0.5), 1e-3
+    deep = (mass * g / K) ** (2 / 3)
+    bodies = (
+        Body("hole", "base"),
+        Body("wheel", "base", "planar", mass=mass, inertia=(inertia,) * 3),
+    )
+    m = load(tmp_path, bodies, f"""gravity: [0, -{g}, 0]
+actuated: []
+loops: {{pin: {{kind: planar, between: [hole, wheel], clearance: {GAP}, pin: {PIN}, friction: {mu},
+               restitution: 0.5}}}}
+solve: {{level: coupled, start: straight}}
+""")  # fmt: skip
+    y, v = m.undeformed(), np.array([0.0, 0.0, spin])
+    y[1] = -GAP - deep
+
+    def rates(_: float, s: list[float]) -> list[float]:
+        x, y, _, u, w, turn = s
+        off = np.hypot(x, y)
+        n, x_in = np.array([x, y]) / off, off - GAP
+        rate = n @ [u, w]
+        slip = np.array([u, w]) - rate * n + turn * radius * np.array([-n[1], n[0]])
+        # it lies in its hole from the start: no speed of entry, and no damping by it
+        force = K * max(x_in, 0.0) ** 1.5
+        rub = -mu * force * np.tanh(np.hypot(*slip) / slow) * slip / np.hypot(*slip)
+        a = (rub - force * n) / mass - [0, g]
+        return [u, w, turn, *a, radius * (n[0] * rub[1] - n[1] * rub[0]) / inertia]
+
+    assert chi > 0
+    run = pf.solve(m, pf.hold(duration=end), tol=1e-6, start=(y, v), samples=41)
+    other = solve_ivp(rates, (0, end), [0, y[1], 0, 0, 0, spin], "DOP853", t_eval=run.t,
+                      rtol=1e-10, atol=1e-16)  # fmt: skip
+    assert not run.events
+    found = run.array("joint/q")[:, :2]
+    np.testing.assert_allclose(found, other.y[:2].T, rtol=0, atol=1e-5 * GAP)
+    turning = run.array("joint/v")[:, 2]
+    np.testing.assert_allclose(turning, other.y[5], rtol=1e-6)
+    stored = run.array("energy/kinetic") + run.array("energy/gravity") + run.array("energy/spring")
+    balance = stored + run.array("energy/dissipated")
+    assert np.ptp(balance) < 1e-5 * stored[0]
+    wrench = run.array("loop/pin/wrench")
+    np.testing.assert_allclose(
+        wrench[1:, 5], np.gradient(turning, run.t)[1:] * inertia, rtol=0.05
+    )
+
+
+def every_contact(folder: Path) -> pf.Mechanism:
+    bodies = (
+        Body("arm", "base", "revolute", axis=(0, 0.3, 1), mass=1.0, inertia=(0.1,) * 3),
+        Body("hand", "arm", "floating", (0.4, 0, 0), mass=0.5, inertia=(0.02, 0.03, 0.04)),
+        Body("tip", "hand", "continuous", (0.2, 0.1, 0), axis=(0, 1, 0), mass=0.3,
+             inertia=(0.01, 0.01, 0.02)),
+        Body("grip", "arm", xyz=(0.4, 0, 0)),
+    )  # fmt: skip
+    return load(folder, bodies, """
+actuated: [arm_joint]
+loops:
+  socket: {kind: spherical, between: [grip, hand], clearance: 1 mm, pin: 20 mm, friction: 0.2}
+  hinge: {kind: revolute, between: [grip, hand], clearance: 2 mm, pin: 10 mm, friction: 0.3,
+          axial: 1 mm}
+  guide: {kind: prismatic, between: [grip, hand], axis: [1, 0, 0], across: [0, 0, 1],
+          clearance: 3 mm, length: 0.1, height: 0.02}
+""")  # fmt: skip
+
+
+def test_kernel_and_reference_have_the_same_contacts(tmp_path: Path) -> None:
+    """Forces, tangents, energies and losses of states that touch everywhere; round-off."""
+    m = every_contact(tmp_path)
+    system, rng, n = m.loose, np.random.default_rng(3), 30
+    d = Equations(system, marched=True)
+    assert d.on_kernel and len(system.loads.touches) == 8
+    rows = system.closed.n
+    Y = np.array([system.integrate(m.undeformed(), x)
+                  for x in rng.uniform(-0.02, 0.02, (n, system.nv))])  # fmt: skip
+    V, A = 0.01 * rng.normal(size=(2, n, system.nv))
+    lam, t = rng.normal(size=(n, rows)), np.zeros(n)
+    assert d.compiled is not None
+    beyond = d.compiled.evaluator.elongations(Y) > 0.0
+    assert beyond.any(axis=0).all() and not beyond.all()
+    found, expected = d.compiled.residual(Y, V, A, lam, t)[0], d.reference.forces(Y, V, A, t)
+    expected = expected - (lam[:, None] @ d.reference.close(Y).J)[:, 0]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * size)
+    for own, plain in zip(d.compiled.energies(Y, V, t), d.reference.energies(Y, V, t), strict=True):
+        np.testing.assert_allclose(own, plain, rtol=1e-9, atol=1e-10 * np.abs(plain).max())
+    np.testing.assert_allclose(d.losses(Y, V), d.reference.losses(Y, V), rtol=1e-10)
+    for k in range(8):  # at rest: Newton goes without what the turning of bodies does to rates
+        y, v, fixed = Y[k], 0.0 * V[k], (A[k : k + 1], lam[k : k + 1], t[:1])
+        _, C, stiff, _ = d.compiled.tangent(y, v, A[k], lam[k], 0.0)
+        for own, h in ((C, 1e-8), (stiff, 1e-9)):
+            for i, e in enumerate(h * np.eye(system.nv)):
+                moves = (y, v + e) if own is C else (system.integrate(y, e), v)
+                back = (y, v - e) if own is C else (system.integrate(y, -e), v)
+                ahead, behind = (
+                    d.compiled.residual(state[None], speed[None], *fixed)[0][0]
+                    for state, speed in (moves, back)
+                )
+                # of 1e-16 over 1e-9, and of the friction's bend over 1e-4 of its speed
+                most = np.abs(own).max()
+                slopes = (ahead - behind) / (2 * h)
+                np.testing.assert_allclose(own[:, i], slopes, rtol=0, atol=3e-6 * most)
 
 
 def test_three_rrr_with_loose_pins(tmp_path: Path) -> None:
