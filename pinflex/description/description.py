@@ -411,6 +411,11 @@ def _describe(
         }
         tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
+    joined = block.get("joints")
+    if isinstance(joined, Mapping) and any("clearance" in (x or ()) for x in joined.values()):
+        from pinflex.description.robots.cut_joints import cut
+
+        block, tree = cut(block, tree, file)
     values = schema.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
