@@ -412,7 +412,8 @@ def _describe(
         tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
     joined = block.get("joints")
-    if isinstance(joined, Mapping) and any("clearance" in (x or ()) for x in joined.values()):
+    extras = joined.values() if isinstance(joined, Mapping) else ()
+    if any(isinstance(x, Mapping) and "clearance" in x for x in extras):
         from pinflex.description.robots.cut_joints import cut
 
         block, tree = cut(block, tree, file)

@@ -21,9 +21,9 @@ Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
 TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
 # Of a joint with clearance, of a pin (or a ball) in a hole, and of a slider in a guide.
-_LOOSE = ("clearance", "restitution", "contact")
-_PIN = (*_LOOSE, "pin", "pin_material", "friction")
-_GUIDE = (*_LOOSE, "across", "length", "height")
+LOOSE = ("clearance", "restitution", "contact")
+PIN = (*LOOSE, "pin", "pin_material", "friction")
+GUIDE = (*LOOSE, "across", "length", "height")
 CONTACTS = ("flores", "lankarani_nikravesh", "rigid")
 _UPRIGHT = 1e-9  # cosine between directions that are perpendicular
 _NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
@@ -51,12 +51,12 @@ LOOP_KINDS: dict[str, LoopKind] = {
     kind.name: kind
     for kind in (
         LoopKind("weld", (0, 1, 2), TURNED),
-        LoopKind("revolute", (0, 1, 2), ALONG, ("axis", "axial", *_PIN)),
-        LoopKind("prismatic", (0, 1), TURNED, ("axis", *_GUIDE)),
+        LoopKind("revolute", (0, 1, 2), ALONG, ("axis", "axial", *PIN)),
+        LoopKind("prismatic", (0, 1), TURNED, ("axis", *GUIDE)),
         LoopKind("cylindrical", (0, 1), ALONG, ("axis",)),
         LoopKind("universal", (0, 1, 2), ((2, 0),), ("axis", "axis_b")),
-        LoopKind("spherical", (0, 1, 2), (), _PIN),
-        LoopKind("planar", (0, 1), (), ("axis", *_PIN)),
+        LoopKind("spherical", (0, 1, 2), (), PIN),
+        LoopKind("planar", (0, 1), (), ("axis", *PIN)),
         LoopKind("distance", keys=("length",)),  # one row of its own
         LoopKind("slider", keys=("sleeve", "pivoting", "turning")),  # the rows of its sleeve
     )
@@ -195,7 +195,7 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
 def _with_clearance(loop: Loop, block: Mapping[str, Any], place: Mapping[str, str]) -> Loop:
     """A loop whose keys of clearance fit each other."""
     if loop.clearance is None:
-        keys = {*_PIN, *_GUIDE, "axial"} - ({"length"} if loop.kind == "distance" else set())
+        keys = {*PIN, *GUIDE, "axial"} - ({"length"} if loop.kind == "distance" else set())
         for key in [key for key in block if key in keys]:
             raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
         return loop

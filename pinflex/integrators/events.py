@@ -10,16 +10,14 @@ A stop that is at rest already takes part: with p >= 0 of each contact, L its mu
 
     M dv - J' L = N' p,   0 <= p  complementary to  N v+ + e N v- >= 0        (Moreau, 1988)
 
-Bounces that come ever faster have no end in finite steps (Zeno): one that is slow beside the fastest
-gives back nothing, and from there on the stop is held by a stiff spring (`kinks.resting`) until
-nothing presses it any more.
+Bounces that come ever faster have no end in finite steps (Zeno): one that is slow beside the
+fastest gives back nothing, and from there on the stop is held by a stiff spring (`kinks.resting`)
+until nothing presses it any more.
 """
 
 from __future__ import annotations
 
 import numpy as np
-
-from scipy.optimize import nnls
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError
@@ -180,6 +178,10 @@ class Events:
 
 def _impulses(G: Array, wanted: Array) -> Array:
     """p >= 0, complementary to G p - wanted >= 0, G (k, k) positive."""
+    if len(G) == 1:
+        return np.maximum(wanted / G[0], 0.0)
+    from scipy.optimize import nnls
+
     scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
     L = np.linalg.cholesky(G / np.outer(scale, scale) + _ALIKE * np.eye(len(G)))
     p = np.asarray(nnls(L.T, np.linalg.solve(L, wanted / scale))[0])

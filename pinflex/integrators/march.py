@@ -256,9 +256,7 @@ class March:
         self._follow(int(at.count))
         given = radau.control.resolution
         at.resolution = self.resolution if given is None else given
-        close = radau.tolerance or newton_tolerance(
-            min(self.resolution, radau.finest), radau.loose
-        )
+        close = radau.tolerance or newton_tolerance(min(self.resolution, radau.finest), radau.loose)
         at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
         at.slack, at.slow = close.slack, radau.slow
         try:

@@ -1,8 +1,8 @@
 """Joints with clearance: loops that are held by contact, at level coupled.
 
-A pin in a larger hole, a ball in a larger socket, a slider in a wider guide. What the clearance lets
-go is held by nothing until it is used up: until the distance e of the centres reaches the clearance
-c, or a corner of the slider its wall. From there on, with x = e - c,
+A pin in a larger hole, a ball in a larger socket, a slider in a wider guide. What the clearance
+lets go is held by nothing until it is used up: until the distance e of the centres reaches the
+clearance c, or a corner of the slider its wall. From there on, with x = e - c,
 
     F = K x^(3/2) (1 + chi x' / v_0),     K = 4 / (3 (s_a + s_b)) sqrt(R_a R_b / (R_a - R_b))
 
@@ -99,7 +99,8 @@ def _let_go(system: System, k: int, loop: Loop) -> IntArray:
     points = closed.point_rows[np.isin(closed.point_axes, axes)]
     turns = closed.dot_rows[(closed.dot_a == about[0]) & (closed.dot_b == about[1])]
     rows = np.concatenate([points, turns])
-    return rows[closed.loop_of[rows] == k]
+    mine: IntArray = rows[closed.loop_of[rows] == k]
+    return mine
 
 
 def _touches(loop: Loop, a: Attachment, b: Attachment) -> Iterator[Touch]:

@@ -45,7 +45,7 @@ class Piece(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A law: name, velocity row (-1: of a spring or contact), place in y, whether (cos, sin), spring.
+    """A law: name, velocity row (-1: none), place in y, whether (cos, sin), its spring or -1.
 
     restitution: What rigid stops at the ends of its piece `free` give back of a speed; -1: none.
     gap: Of a contact of bodies (`pinflex.mechanics.clearance`) [m]; None: it is none.

@@ -124,12 +124,16 @@ SLIDER_CRANK = (
 
 def test_a_slider_with_clearance_in_its_guide_as_published(tmp_path: Path) -> None:
     """Turns of the crank by two time-stepping schemes, which agree to 2e-5 (1e-3 asked for)."""
-    m = load(tmp_path, SLIDER_CRANK, """gravity: [0, -9.81, 0]
+    m = load(
+        tmp_path,
+        SLIDER_CRANK,
+        """gravity: [0, -9.81, 0]
 actuated: []
 loops: {guide: {kind: prismatic, between: [base, slider], axis: [1, 0, 0], across: [0, 1, 0],
                 clearance: 1 mm, length: 0.1, height: 0.05, restitution: 0.4}}
 solve: {level: coupled, start: straight}
-""")
+""",
+    )
     speeds = {"crank_joint": 150.0, "rod_joint": -225.0, "slider_joint": 75.0}
     run = pf.solve(m, pf.hold(duration=0.1), tol=1e-4, samples=101, start_speeds=speeds)
     turns = run.joint("crank_joint").position[[2, 5, 10, 20, 40, 60, 80, 100]] / (2 * np.pi)
@@ -187,9 +191,7 @@ solve: {{level: coupled, start: straight}}
     balance = stored + run.array("energy/dissipated")
     assert np.ptp(balance) < 1e-5 * stored[0]
     wrench = run.array("loop/pin/wrench")
-    np.testing.assert_allclose(
-        wrench[1:, 5], np.gradient(turning, run.t)[1:] * inertia, rtol=0.05
-    )
+    np.testing.assert_allclose(wrench[1:, 5], np.gradient(turning, run.t)[1:] * inertia, rtol=0.05)
 
 
 def every_contact(folder: Path) -> pf.Mechanism:
@@ -265,12 +267,70 @@ def test_three_rrr_with_loose_pins(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ("clearance: 50 um", "of which pin"),
-        ("pin: 5 mm", "the joint is ideal"),
-        ("clearance: 50 um, pin: 5 mm, contact: hertz", "is not known"),
+        ("kind: planar, clearance: 50 um", "of which pin"),
+        ("kind: planar, pin: 5 mm", "the joint is ideal"),
+        ("kind: planar, clearance: 50 um, pin: 5 mm, contact: hertz", "is not known"),
+        ("kind: planar, clearance: 50 um, contact: rigid, friction: 0.1", "rigid blows have none"),
+        (
+            "kind: planar, clearance: 50 um, pin: 5 mm, axial: 1 mm",
+            "no meaning for the kind planar",
+        ),
+        ("kind: prismatic, axis: x, clearance: 1 mm", "in which direction"),
+        ("kind: prismatic, axis: x, across: [1, 1, 0], clearance: 1 mm", "perpendicular"),
+        ("kind: prismatic, axis: x, across: y, clearance: 1 mm, contact: flores", "is for pins"),
+        ("kind: prismatic, axis: x, length: 0.1", "the joint is ideal"),
     ],
 )
-def test_pins_that_say_too_little_are_refused(keys: str, said: str, tmp_path: Path) -> None:
+def test_clearances_that_say_too_little_are_refused(keys: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=said):
-        load(tmp_path, FLYING, "actuated: []\nloops: {joint: {kind: planar, between: "
-                               f"[hole, pin], {keys}}}}}\n")  # fmt: skip
+        load(
+            tmp_path, FLYING, "actuated: []\nloops: {joint: {between: [hole, pin], " + keys + "}}\n"
+        )
+
+
+@pytest.mark.parametrize(
+    ("joint", "motors", "said"),
+    [
+        ("x_joint: {clearance: 50 um, pin: 5 mm}", "", "is prismatic"),
+        ("arm_joint: {clearance: 50 um}", "", "of which pin"),
+        ("arm_joint: {clearance: 50 um, pin: 5 mm, spring: 1}", "", "beside clearance"),
+        ("arm_joint: {clearance: 50 um, pin: 5 mm}", "arm_joint", "a motor turns"),
+    ],
+)
+def test_hinges_that_cannot_be_cut_are_refused(
+    joint: str, motors: str, said: str, tmp_path: Path
+) -> None:
+    bodies = (*FLYING, Body("arm", "pin", "revolute", mass=0.1, inertia=(1e-4,) * 3))
+    with pytest.raises(DescriptionError, match=said):
+        load(tmp_path, bodies, f"actuated: [{motors}]\njoints: {{{joint}}}\n")
+
+
+def test_a_hinge_of_the_tree_is_cut_where_it_has_clearance(tmp_path: Path) -> None:
+    """A pendulum on a tilted axis: joint and loop say the same, and its period is the ideal one."""
+    bodies = (
+        Body("bob", "base", "revolute", (0.1, 0, 0.2), rpy=(0.3, 0.2, 0.5), axis=(0.6, 0, 0.8),
+             mass=1.0, com=(0, -0.4, 0), inertia=(0.02,) * 3),
+    )  # fmt: skip
+    ideal = "actuated: []\nhome: {bob_joint: 0.3}\nsolve: {level: coupled, start: straight}\n"
+    exact = pf.solve(load(tmp_path, bodies, ideal), pf.hold(duration=0.3), tol=1e-6, samples=31)
+    yaml = (
+        ideal
+        + """joints: {bob_joint: {clearance: 20 um, pin: 10 mm, restitution: 0.5,
+                             contact: lankarani_nikravesh}}
+"""
+    )
+    m = load(tmp_path, bodies, yaml)
+    run = pf.solve(m, pf.hold(duration=0.3), tol=1e-3, samples=31)
+    assert run.meta["energy_balance"] < 1e-5
+    turned = np.arctan2(*run.array("joint/q")[:, [3, 2]].T)
+    # by the clearance over the length, some times
+    np.testing.assert_allclose(turned, exact.joint("bob_joint").position, rtol=0, atol=4 * 5e-5)
+    assert 2e-5 < np.linalg.norm(run.array("loop/bob_joint/orbit"), axis=1).max() < 2.2e-5
+
+
+def test_stops_of_a_joint_without_end_lie_within_a_turn(tmp_path: Path) -> None:
+    body = (Body("arm", "base", "continuous", mass=0.1, inertia=(1e-4,) * 3),)
+    for stops in ("upper: 1", "lower: -4, upper: 4"):
+        with pytest.raises(DescriptionError, match="between -pi and pi"):
+            load(tmp_path, body, "actuated: []\njoints: {arm_joint: {stops: {restitution: 1, "
+                                 f"{stops}}}}}}}\n")  # fmt: skip

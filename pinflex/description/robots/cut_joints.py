@@ -1,8 +1,8 @@
 """Joints of the tree with clearance: cut, and closed again as loops.
 
-`joints: {knee: {clearance: 50 um, pin: 5 mm}}` is short for a planar joint `knee`, perpendicular to
-the axis of the written one, and a loop `knee` of the kind planar between the frames `knee_hole`, which
-its parent carries, and `knee_pin`, which it moves.
+`joints: {knee: {clearance: 50 um, pin: 5 mm}}` is short for a planar joint `knee`, across the axis
+of the written one, and a loop `knee` of the kind planar between the frames `knee_hole`, which its
+parent carries, and `knee_pin`, which it moves.
 """
 
 from __future__ import annotations
@@ -14,29 +14,28 @@ from typing import Any
 import numpy as np
 
 from pinflex.description.files import Source
-from pinflex.description.loops import LOOP_KINDS
+from pinflex.description.loops import PIN
 from pinflex.description.reading import schema
 from pinflex.description.robots import urdf
 from pinflex.description.robots.tree_text import from_rpy, rpy
 from pinflex.errors import DescriptionError
 from pinflex.rotations import axis_frame
 
-_KEYS = tuple(key for key in LOOP_KINDS["planar"].keys if key != "axis")
 _DROPPED = ("axis", "limit", "dynamics", "mimic", "safety_controller")
 
 
-def cut(
-    block: Mapping[str, Any], tree: Source, file: str
-) -> tuple[dict[str, Any], Source]:
+def cut(block: Mapping[str, Any], tree: Source, file: str) -> tuple[dict[str, Any], Source]:
     """The YAML's block and the robot with joints that have clearance as loops."""
     joints = dict(schema.mapping(block["joints"], f"{file}: joints"))
     loops, home = dict(block.get("loops") or {}), dict(block.get("home") or {})
-    root, changed = None, False
-    for name in [name for name, item in joints.items() if has_clearance(item)]:
+    root = None
+    loose = [k for k, x in joints.items() if isinstance(x, Mapping) and "clearance" in x]
+    for name in loose:
         where = f"{file}: joints.{name}"
         schema.known(name, where, tree.joints, f"joint in {tree.file}")
         _require_alone(name, joints[name], block, tree, where)
-        loops[name] = {"kind": "planar", "between": [f"{name}_hole", f"{name}_pin"], **joints.pop(name)}
+        between = [f"{name}_hole", f"{name}_pin"]
+        loops[name] = {"kind": "planar", "between": between, **joints.pop(name)}
         angle = home.get(name, 0.0)
         if not isinstance(angle, list):
             home[name] = [0.0, 0.0, angle]
@@ -49,19 +48,14 @@ def cut(
     return whole, tree
 
 
-def has_clearance(item: object) -> bool:
-    """Whether an entry of `joints` says so."""
-    return isinstance(item, Mapping) and "clearance" in item
-
-
 def _require_alone(
     name: str, item: Mapping[str, Any], block: Mapping[str, Any], tree: Source, where: str
 ) -> None:
     """Refuse a joint that is no hinge, moves by itself, or says more."""
     if tree.joints[name].type not in ("revolute", "continuous", "planar"):
         raise DescriptionError(
-            f"{where}.clearance: {name} is {tree.joints[name].type}. Joints of the tree have one as "
-            "hinges; write others as loops."
+            f"{where}.clearance: {name} is {tree.joints[name].type}. Joints of the tree have "
+            "clearance as hinges; write others as loops."
         )
     if name in (block.get("actuated") or ()):
         raise DescriptionError(
@@ -69,9 +63,9 @@ def _require_alone(
             "clearance to a joint beside it."
         )
     for key in item:
-        if key not in _KEYS:
+        if key not in PIN:
             raise DescriptionError(
-                f"{where}.{key}: has no meaning beside clearance. Allowed: {', '.join(_KEYS)}."
+                f"{where}.{key}: has no meaning beside clearance. Allowed: {', '.join(PIN)}."
             )
     if name in (block.get("loops") or {}):
         raise DescriptionError(f"{where}.clearance: a loop is called {name} too. Rename it.")
@@ -85,7 +79,8 @@ def _cut(root: ET.Element, name: str) -> None:
     turn = axis_frame(axis / np.linalg.norm(axis), None)
     place = _numbers(origin, "xyz"), from_rpy(_numbers(origin, "rpy"))
     parent, child = joint.find("parent"), joint.find("child")
-    assert parent is not None and child is not None
+    assert parent is not None
+    assert child is not None
     for tag in (*_DROPPED, "origin"):
         for element in joint.findall(tag):
             joint.remove(element)
@@ -100,7 +95,13 @@ def _cut(root: ET.Element, name: str) -> None:
 
 
 def _fixed(
-    root: ET.Element, link: str | None, parent: str, xyz: Any, R: Any, child: str = "", name: str = ""
+    root: ET.Element,
+    link: str | None,
+    parent: str,
+    xyz: Any,
+    R: Any,
+    child: str = "",
+    name: str = "",
 ) -> None:
     """A link, or an old one, that is fixed to another."""
     if link is not None:
