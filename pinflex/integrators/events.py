@@ -179,7 +179,7 @@ class Events:
 def _impulses(G: Array, wanted: Array) -> Array:
     """p >= 0, complementary to G p - wanted >= 0, G (k, k) positive."""
     if len(G) == 1:
-        return np.maximum(wanted / G[0], 0.0)
+        return np.asarray(np.maximum(wanted / G[0], 0.0))
     from scipy.optimize import nnls
 
     scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
