@@ -30,7 +30,6 @@ from pinflex.results.views import Event
 _FAINT = 1e-6  # of the fastest bounce of a stop: those that are slower come to rest
 _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
-_WAY = 1e-4  # rad or m: over which directions of contacts are taken, to its fourth power
 _MEETS = 1e-9  # rad or m: within it several are met at once; landings are within it too
 _SINKS = 2.0 / RINGS  # s: first step of what comes to rest
 _NEVER = 1e-14  # 1/kg or 1/(kg m^2): what moves by less under an impulse is held by motors
@@ -50,7 +49,6 @@ class Events:
         self.kinks = problem.dynamics.system.kinks
         self.found: list[Event] = []
         self._fastest = np.zeros(len(self.kinks.rows))
-        self._eye = np.eye(problem.dynamics.system.nv)
         self._usual: dict[tuple[int, int], float] = {}
         self._still, self._last = 0, -np.inf
 
@@ -143,18 +141,16 @@ class Events:
 
     def _directions(self, y: Array, laws: list[int]) -> Array:
         """What laws' coordinates change by velocities, shape (laws, nv)."""
-        system, nv = self._problem.dynamics.system, len(self._eye)
-        N = np.zeros((len(laws), nv))
-        of_bodies = [i for i, k in enumerate(laws) if self.kinks.rows[k].v < 0]
+        dynamics, rows = self._problem.dynamics, self.kinks.rows
+        touches = [touch.law for touch in dynamics.system.loads.touches]
+        met = any(rows[k].v < 0 for k in laws)
+        outward = dynamics.reference.outward(y) if met else np.zeros((0, 0))
+        N = np.zeros((len(laws), dynamics.system.nv))
         for i, k in enumerate(laws):
-            if self.kinks.rows[k].v >= 0:
-                N[i, self.kinks.rows[k].v] = 1.0
-        if of_bodies:
-            steps = [_WAY * w * e for w in (2.0, 1.0, -1.0, -2.0) for e in self._eye]
-            x = self._evaluator.elongations(np.array([system.integrate(y, dy) for dy in steps]))
-            weights = np.array([-1.0, 8.0, -8.0, 1.0]) / (12.0 * _WAY)
-            slopes = np.tensordot(weights, x.reshape(4, nv, -1), 1)
-            N[of_bodies] = slopes.T[[laws[i] for i in of_bodies]]
+            if rows[k].v < 0:
+                N[i] = outward[touches.index(k)]
+            else:
+                N[i, rows[k].v] = 1.0
         return N
 
     def _moves(self, y: Array, N: Array) -> Array:

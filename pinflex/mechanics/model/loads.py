@@ -52,15 +52,20 @@ class Touch(NamedTuple):
     speed: float
     law: int
 
-    def force(self, motion: Array, kinks: Kinks) -> TouchForce:
-        """On B at b and about it, in axes of A, of n motions d, d', W of B as A sees it (n, 9)."""
-        d, way, turn = motion[:, :3], motion[:, 3:6], motion[:, 6:]
+    def outward(self, d: Array) -> tuple[Array, Array]:
+        """Unit vectors u towards the rim (n, 3), and u . d (n,), of ways d from a to b (n, 3)."""
         s = np.array(self.axis)
         along = d @ s
-        out = {BALL: d, PIN: d - along[:, None] * s, WALL: np.tile(s, (len(d), 1))}[self.shape]
-        length = along if self.shape == WALL else np.linalg.norm(out, axis=1)
-        if self.shape != WALL:
-            out = out / np.maximum(length, 1e-300)[:, None]
+        if self.shape == WALL:
+            return np.tile(s, (len(d), 1)), along
+        off = d if self.shape == BALL else d - along[:, None] * s
+        length = np.linalg.norm(off, axis=1)
+        return off / np.maximum(length, 1e-300)[:, None], length
+
+    def force(self, motion: Array, kinks: Kinks) -> TouchForce:
+        """On B at b and about it, in axes of A, of n motions d, d', W of B as A sees it (n, 9)."""
+        way, turn = motion[:, 3:6], motion[:, 6:]
+        out, length = self.outward(motion[:, :3])
         rate = np.sum(out * way, axis=1)
         pull = kinks.pull(self.law, length - self.gap, rate)
         slip = way + self.radius * np.cross(turn, out) - rate[:, None] * out

@@ -129,6 +129,16 @@ class LoadState:
         d = self._point(b) - p_a
         return p_a, d, float(np.linalg.norm(d))
 
+    def outward(self) -> Array:
+        """Rates at which contacts go towards their rims, by velocities, shape (touches, nV)."""
+        rows = []
+        for one in self._given.touches:
+            R, seen = self._seen(one, np.zeros(self._J.shape[1]))
+            u, d = R @ one.outward(seen[:, :3])[0][0], R @ seen[0, :3]
+            moves = self._moves(one.b) - self._moves(one.a)
+            rows.append(u @ moves - np.cross(d, u) @ self._jacobian[one.a.joint][3:])
+        return np.array(rows)
+
     def _seen(self, one: Touch, V: Array) -> tuple[Array, Array]:
         """Axes of A, and the motion (1, 9) of B as A sees it."""
         R = self._pose[one.a.joint][:3].T
