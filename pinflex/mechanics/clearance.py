@@ -33,7 +33,6 @@ from pinflex.mechanics.model.expanded import Attachment
 from pinflex.mechanics.model.loads import BALL, PIN, WALL, Touch
 
 if TYPE_CHECKING:
-    from pinflex.integrators.run import Run
     from pinflex.mechanics.evaluation.equations import Equations
     from pinflex.mechanics.model.system import System
 
@@ -128,21 +127,21 @@ def _axis(R: Array, k: int) -> tuple[float, float, float]:
     return x, y, z
 
 
-def pins(run: Run, equations: Equations) -> dict[str, tuple[Array, Array]]:
+def pins(equations: Equations, Y: Array, V: Array, A: Array) -> dict[str, tuple[Array, Array]]:
     """Where pins are in their holes, in axes of frame a, and the wrench on them in the world.
 
     Shapes (n, 3) and (n, 6), m, N and N m, about the origin of frame b; without what impacts damp.
     """
-    system, found = run.system, dict[str, tuple[Array, Array]]()
+    system, found = equations.system, dict[str, tuple[Array, Array]]()
     touches, closed = system.loads.touches, system.closed
     if not touches:
         return found
     joints = sorted({end.joint for one in touches for end in (one.a, one.b)} - {0})
-    poses, rates = equations.motions(run.y, run.v, run.a, joints)
+    poses, rates = equations.motions(Y, V, A, joints)
     places = dict(zip(joints, zip(poses, rates[:, :, 0], strict=True), strict=True))
-    n = len(run.t)
+    n = len(Y)
     places[0] = np.tile(np.eye(4)[:3], (n, 1, 1)), np.zeros((n, 6))
-    frames = closed.frames(equations.joint_poses(run.y))
+    frames = closed.frames(equations.joint_poses(Y))
     for one in touches:
         loop = closed.names.index(one.name)
         frame_a, frame_b = frames[:, loop], frames[:, len(closed.names) + loop]

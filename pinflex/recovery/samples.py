@@ -62,7 +62,7 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
     if system.kinks.rows and any(one.clearance for one in mechanism.description.loops):
         from pinflex.mechanics.clearance import pins
 
-        for name, (place, wrench) in pins(run, equations).items():
+        for name, (place, wrench) in pins(equations, y, v, run.a).items():
             out[f"loop/{name}/orbit"] = place
             out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + wrench
     for name in mechanism.rigid.rigid.names[1:]:
