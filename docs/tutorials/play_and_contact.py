@@ -91,9 +91,9 @@ run.plot("loop/pin_2/orbit");
 
 # %% [markdown]
 # Read the last warning: blows multiply small differences, so that after some of them two runs
-# part whatever the step, even if their speeds start 1e-9 apart. Peaks, means and spectra are what to
-# ask for then, with their spread over three runs; or the history up to the time that the warning
-# names.
+# part whatever the step, even if their speeds start 1e-9 apart. Peaks, means and spectra are what
+# to ask for then, with their spread over three runs; or the history up to the time that the
+# warning names.
 
 # %%
 motor = run.statistics["motor_1"]
@@ -107,8 +107,8 @@ ax.set(xscale="log", yscale="log", xlabel="octave from [Hz]", ylabel="torque, rm
 # ## To the ideal joint
 #
 # Less clearance, less play, a stiffer stop: what differs from the ideal joint falls with them, at
-# first order but for what blows leave ringing (of a stop, with the time that it is touched, the root
-# of its compliance).
+# first order but for what blows leave ringing (of a stop, with the time that it is touched, the
+# root of its compliance).
 
 # %%
 def angle(scene, change):
