@@ -51,7 +51,6 @@ class Ending(Enum):
     )
     # contacts
     CHATTERS = "Give it damping."
-    COMES_TO_REST = "Give the stop `stiffness` and `damping`, or end the run (`until`) before."
     STOPS_A_MOTOR = "Give the stop `stiffness`, or write drive: torque."
     # any
     NOT_FINITE = (

@@ -419,6 +419,12 @@ def _describe(
         }
         tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
+    joined = block.get("joints")
+    extras = joined.values() if isinstance(joined, Mapping) else ()
+    if any(isinstance(x, Mapping) and "clearance" in x for x in extras):
+        from pinflex.description.robots.cut_joints import cut
+
+        block, tree = cut(block, tree, file)
     values = schema.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))

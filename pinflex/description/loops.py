@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from pinflex import registered
 from pinflex.description.blocks.frames import WORLD, ends
@@ -18,8 +20,12 @@ from pinflex.text import brief
 Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
 TURNED: Pairs = ((0, 1), (1, 2), (2, 0))  # b turned as a
-_PIN = ("clearance", "pin", "restitution", "contact", "pin_material")  # of a pin in a hole
-CONTACTS = ("flores", "lankarani_nikravesh")
+# Of a joint with clearance, of a pin (or a ball) in a hole, and of a slider in a guide.
+LOOSE = ("clearance", "restitution", "contact")
+PIN = (*LOOSE, "pin", "pin_material", "friction")
+GUIDE = (*LOOSE, "across", "length", "height")
+CONTACTS = ("flores", "lankarani_nikravesh", "rigid")
+_UPRIGHT = 1e-9  # cosine between directions that are perpendicular
 _NO_TURN: tuple[Pairs, ...] = (ALONG, TURNED)
 
 
@@ -45,12 +51,12 @@ LOOP_KINDS: dict[str, LoopKind] = {
     kind.name: kind
     for kind in (
         LoopKind("weld", (0, 1, 2), TURNED),
-        LoopKind("revolute", (0, 1, 2), ALONG, ("axis", *_PIN)),
-        LoopKind("prismatic", (0, 1), TURNED, ("axis",)),
+        LoopKind("revolute", (0, 1, 2), ALONG, ("axis", "axial", *PIN)),
+        LoopKind("prismatic", (0, 1), TURNED, ("axis", *GUIDE)),
         LoopKind("cylindrical", (0, 1), ALONG, ("axis",)),
         LoopKind("universal", (0, 1, 2), ((2, 0),), ("axis", "axis_b")),
-        LoopKind("spherical", (0, 1, 2)),
-        LoopKind("planar", (0, 1), (), ("axis", *_PIN)),
+        LoopKind("spherical", (0, 1, 2), (), PIN),
+        LoopKind("planar", (0, 1), (), ("axis", *PIN)),
         LoopKind("distance", keys=("length",)),  # one row of its own
         LoopKind("slider", keys=("sleeve", "pivoting", "turning")),  # the rows of its sleeve
     )
@@ -104,15 +110,20 @@ class Loop:
         frame_b: Second frame.
         axis: Unit axis of the joint, in frame a and in frame b (universal: in frame a only).
         axis_b: universal: unit axis in frame b; None: x.
-        length: distance: [m]; None: as it is at home.
+        length: distance: [m]; None: as it is at home. Of a slider in its guide [m].
         sleeve: slider: length of the sleeve [m]; 0: it touches the beam at a point.
         pivoting: slider: the sleeve turns freely on three points in line, instead of along the
             beam's tangent at its middle.
         turning: slider: the sleeve may turn against frame b; else it is fixed to it.
-        clearance: Radius of the hole less that of the pin [m]; None: the joint is ideal.
+        clearance: Radius of the hole less that of the pin, free way of a slider to each side of
+            the guide [m]; None: the joint is ideal.
         pin: Diameter of the pin [m]. pin_material: Of pin and hole.
-        restitution: Part of the speed that a blow of the pin gives back, above 0 to 1.
+        axial: Play of a pin along its axis to each side [m]; None: it has none.
+        across: Direction of the play of a slider, across `axis`, in frame a. height: Of the slider
+            in it [m].
+        restitution: Part of the speed that a blow gives back, above 0 to 1.
         contact: What a blow is damped by: one of `CONTACTS`.
+        friction: Coulomb's coefficient of pin and hole.
         grounded: Whether the frame called `WORLD` is a place on the ground: that which the guess
             of home gives to the other frame.
         at: Point of the ground instead of it [m].
@@ -132,6 +143,10 @@ class Loop:
     turning: bool = schema.flag(True)
     clearance: float | None = schema.real(None, "length", above=0)
     pin: float | None = schema.real(None, "length", above=0)
+    axial: float | None = schema.real(None, "length", above=0)
+    across: Vec3 | None = schema.key(None, schema.direction)
+    height: float = schema.real(0.0, "length", low=0)
+    friction: float = schema.real(0.0, low=0)
     restitution: float = schema.real(0.9, above=0, high=1)
     contact: str = schema.word("flores", CONTACTS)
     pin_material: str = schema.word("steel", MATERIALS)
@@ -169,16 +184,42 @@ def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
         raise DescriptionError(
             f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
         )
-    for key in [key for key in _PIN if key in block]:
-        if loop.clearance is None:
-            raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
-    if loop.clearance is not None and loop.pin is None:
-        raise DescriptionError(f"{place['clearance']}: of which pin? Add its diameter: `pin`.")
+    loop = _with_clearance(loop, block, place)
     if loop.pivoting and not loop.turning:
         raise DescriptionError(
             f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
         )
     return loop
+
+
+def _with_clearance(loop: Loop, block: Mapping[str, Any], place: Mapping[str, str]) -> Loop:
+    """A loop whose keys of clearance fit each other."""
+    if loop.clearance is None:
+        keys = {*PIN, *GUIDE, "axial"} - ({"length"} if loop.kind == "distance" else set())
+        for key in [key for key in block if key in keys]:
+            raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
+        return loop
+    guide = loop.kind == "prismatic"
+    contact = "rigid" if guide and "contact" not in block else loop.contact
+    if guide and contact != "rigid":
+        raise DescriptionError(
+            f"{place['contact']}: {contact} is for pins, by Hertz. A slider meets its guide as a "
+            "rigid body: remove it, or write rigid."
+        )
+    if contact == "rigid" and loop.friction:
+        raise DescriptionError(
+            f"{place['friction']}: rigid blows have none. Remove it, or write contact: flores."
+        )
+    if guide and (loop.across is None or abs(np.dot(loop.across, loop.axis)) > _UPRIGHT):
+        raise DescriptionError(
+            f"{place['across']}: in which direction has the slider play? Give one perpendicular to "
+            f"`axis` {list(loop.axis)}, in frame {loop.frame_a}."
+        )
+    if contact != "rigid" and loop.pin is None:
+        raise DescriptionError(
+            f"{place['clearance']}: of which pin? Add its diameter: `pin`; or contact: rigid."
+        )
+    return replace(loop, contact=contact)
 
 
 def _at(block: Mapping[str, Any], where: str, ends: tuple[str, str], kind: str) -> Vec3 | None:

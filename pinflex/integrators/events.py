@@ -6,8 +6,13 @@ acts, and accelerations begin anew; or a rigid stop gives back a part e of the s
     M dv - J' L = n p,   J dv = 0,   x'+ = -e x'-
 
 with m = 1 / (n . dv/p) the mass that the stop meets, which loses (1 - e^2) x'^2 m / 2 (Newton).
-Bounces that come ever faster have no end in finite steps (Zeno): they are told, and the run stops
-there.
+A stop that is at rest already takes part: with p >= 0 of each contact, L its multiplier,
+
+    M dv - J' L = N' p,   0 <= p  complementary to  N v+ + e N v- >= 0        (Moreau, 1988)
+
+Bounces that come ever faster have no end in finite steps (Zeno): one that is slow beside the
+fastest gives back nothing, and from there on the stop is held by a stiff spring (`kinks.resting`)
+until nothing presses it any more.
 """
 
 from __future__ import annotations
@@ -19,11 +24,16 @@ from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
+from pinflex.mechanics.kinks import RINGS
 from pinflex.results.views import Event
 
-_FAINT = 1e-7  # of the fastest bounce of a stop: those that are slower have no end
+_FAINT = 1e-6  # of the fastest bounce of a stop: those that are slower come to rest
 _SOON = 1e-6  # s: so far ahead a run that starts at a border is looked at
 _IN_VAIN = 40  # pieces changed at one instant, at the most
+_MEETS = 1e-9  # rad or m: within it several are met at once; landings are within it too
+_SINKS = 2.0 / RINGS  # s: first step of what comes to rest
+_NEVER = 1e-14  # 1/kg or 1/(kg m^2): what moves by less under an impulse is held by motors
+_ALIKE = 1e-14  # contacts of the same direction share their impulse
 _SHORTER = 0.25  # step after one of them: what is touched for less than it is too short to be seen
 
 
@@ -72,8 +82,8 @@ class Events:
                 time=t, ending=Ending.CHATTERS,
             )  # fmt: skip
         speed = float(march.v[row.v]) if row.v >= 0 else float(at.speed)
-        if row.restitution >= 0.0:
-            self._bounce(march, k, t, speed)
+        if row.restitution >= 0.0 and piece == row.free:
+            self._bounce(march, k, t)
             return
         self._usual[k, piece] = float(at.planned)
         old, new = row.pieces[piece], row.pieces[piece + side]
@@ -84,38 +94,76 @@ class Events:
         stiffer = int(np.sign(new.stiffness - old.stiffness))
         self.found.append(Event(t, row.name, words[stiffer], abs(speed), 0.0, 0.0))
 
-    def _bounce(self, march: MarchKernel, k: int, t: float, speed: float) -> None:
-        row = self.kinks.rows[k]
-        self._fastest[k] = max(self._fastest[k], abs(speed))
-        if row.restitution < 1.0 and abs(speed) < _FAINT * self._fastest[k]:
-            raise ConvergenceError(
-                f"{self._name}: t = {t:.6g} s: {row.name}: its bounces come faster and faster and "
-                "end here: from now on it would rest on the stop, which a coefficient of "
-                f"restitution does not say. {Ending.COMES_TO_REST.value} error.result holds the "
-                "run so far.", time=t, ending=Ending.COMES_TO_REST,
-            )  # fmt: skip
-        move = self._unit(march.y, row.v)
-        mass = 1.0 / move[row.v]
-        impulse = (1.0 + row.restitution) * mass * abs(speed)
-        march.v[...] -= np.sign(speed) * impulse * move
-        loss = 0.5 * (1.0 - row.restitution**2) * mass * speed**2
-        self.found.append(Event(t, row.name, "bounce", abs(speed), impulse, loss))
-
-    def _unit(self, y: Array, row: int) -> Array:
-        """What an impulse of one in a row changes of the velocities, shape (nv,)."""
-        d, free = self._problem.dynamics, self._problem.free
-        M, J = d.mass(y), d.close(y).J[:, free]
-        n, rows = len(free), len(J)
-        S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
-        pushed = np.concatenate([(free == row).astype(float), np.zeros(rows)])
-        move = np.zeros(len(M))
-        move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
-        if not move[row] > 1e-12 / max(abs(M[row, row]), 1e-300):
+    def _bounce(self, march: MarchKernel, k: int, t: float) -> None:
+        """Speeds after a stop is met, with all that are touched then or rest on theirs."""
+        rows, met = self.kinks.rows, self._touched(march)
+        laws, sides = list(met), np.array(list(met.values()), float)
+        rests = np.array([march.piece[j] != rows[j].free for j in laws])
+        N = -sides[:, None] * self._directions(march.y, laws)
+        before = N @ march.v
+        self._fastest[laws] = np.maximum(self._fastest[laws], -before)
+        e = np.array([rows[j].restitution for j in laws])
+        faint = rests | ((e < 1.0) & (-before <= _FAINT * self._fastest[laws]))
+        e[faint] = 0.0
+        move = self._moves(march.y, N)
+        G = N @ move
+        if not G[laws.index(k), laws.index(k)] > _NEVER:
             raise ConvergenceError(
                 f"{self._name}: a rigid stop is met by a motor that follows its motion whatever "
                 f"happens. {Ending.STOPS_A_MOTOR.value}",
                 ending=Ending.STOPS_A_MOTOR,
             )
+        p = _impulses(G, -(1.0 + e) * before)
+        march.v[...] += move @ p
+        after = N @ march.v
+        for i, j in enumerate(laws):
+            stays = faint[i] and (p[i] > 0.0 or j == k)
+            march.piece[j] = rows[j].free + (met[j] if stays else 0)
+            if stays:  # it sinks in
+                march.at.h = min(float(march.at.h), _SINKS)
+            if j == k or (p[i] > 0.0 and not rests[i]):
+                what = "rest" if faint[i] else "bounce"
+                loss = -float(p[i] * (before[i] + after[i])) / 2.0
+                self.found.append(Event(t, rows[j].name, what, abs(before[i]), float(p[i]), loss))
+
+    def _touched(self, march: MarchKernel) -> dict[int, int]:
+        """Rigid stops that are touched, and on which side: 1 or -1."""
+        x, found = self._evaluator.elongations(march.y[None])[0], {}
+        for j, row in enumerate(self.kinks.rows):
+            if row.restitution < 0.0:
+                continue
+            side = int(march.piece[j]) - row.free
+            if not side:
+                ends = self.kinks.ends(j, row.free)
+                low, high = (abs(x[j] - end) < _MEETS * (1.0 + abs(end)) for end in ends)
+                side = int(high) - int(low)
+            if side:
+                found[j] = side
+        return found
+
+    def _directions(self, y: Array, laws: list[int]) -> Array:
+        """What laws' coordinates change by velocities, shape (laws, nv)."""
+        dynamics, rows = self._problem.dynamics, self.kinks.rows
+        touches = [touch.law for touch in dynamics.system.loads.touches]
+        met = any(rows[k].v < 0 for k in laws)
+        outward = dynamics.reference.outward(y) if met else np.zeros((0, 0))
+        N = np.zeros((len(laws), dynamics.system.nv))
+        for i, k in enumerate(laws):
+            if rows[k].v < 0:
+                N[i] = outward[touches.index(k)]
+            else:
+                N[i, rows[k].v] = 1.0
+        return N
+
+    def _moves(self, y: Array, N: Array) -> Array:
+        """What impulses of one along rows N (k, nv) change of the velocities, shape (nv, k)."""
+        d, free = self._problem.dynamics, self._problem.free
+        M, J = d.mass(y), d.close(y).J[:, free]
+        n, rows = len(free), len(J)
+        S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
+        pushed = np.concatenate([N[:, free].T, np.zeros((rows, len(N)))])
+        move = np.zeros((len(M), len(N)))
+        move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
         return move
 
     def losses(self, t: Array) -> Array:
@@ -124,3 +172,17 @@ class Events:
         each = np.concatenate([[0.0], np.cumsum([event.loss for event in self.found])])
         upto: IntArray = np.searchsorted(when, t, side="right")
         return np.asarray(each[upto])
+
+
+def _impulses(G: Array, wanted: Array) -> Array:
+    """p >= 0, complementary to G p - wanted >= 0, G (k, k) positive."""
+    if len(G) == 1:
+        return np.asarray(np.maximum(wanted / G[0], 0.0))
+    from scipy.optimize import nnls
+
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    L = np.linalg.cholesky(G / np.outer(scale, scale) + _ALIKE * np.eye(len(G)))
+    p = np.asarray(nnls(L.T, np.linalg.solve(L, wanted / scale))[0])
+    acts = p > 0.0  # of these exactly
+    p[acts] = np.linalg.lstsq(G[np.ix_(acts, acts)], wanted[acts], rcond=_ALIKE)[0]
+    return p

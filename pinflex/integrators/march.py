@@ -50,6 +50,7 @@ TOGETHER = 8  # steps that are judged at once
 _RECORDED = 64  # steps of a batch that nobody judges
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
+_RESTING = 1e-7  # resolution that Newton's tolerance is of where rigid stops are met
 _POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
 
 
@@ -157,6 +158,7 @@ class Radau(Stages):
     Attributes:
         control: Of the steps. tolerance: What Newton may leave; None: as the resolution allows.
         loose: Whether a correction of the steps takes more of that away.
+        finest: Resolution that Newton's tolerance is of at most.
         slow: Contraction of Newton's iteration above which the next step has a new tangent.
         measured: Velocity rows whose displacements count. by_energy: Whether in the norm of elastic
             energy: stiff coordinates that hardly move may carry forces. Else in that of the mass
@@ -169,6 +171,8 @@ class Radau(Stages):
         d, self.control = problem.dynamics, CONTROL
         self.loose, self.slow = False, 0.1
         self.tolerance: NewtonTolerance | None = None
+        # What rests on a rigid stop sinks in by next to nothing: steps must not be off by as much.
+        self.finest = _RESTING if d.system.kinks.rigid else np.inf
         self.by_energy = forces and d.flexible
         # The elastic ones, or all if nothing bends.
         self.measured = np.arange(d.n_rigid, d.system.nv) if d.flexible else problem.free
@@ -253,7 +257,7 @@ class March:
         self._follow(int(at.count))
         given = radau.control.resolution
         at.resolution = self.resolution if given is None else given
-        close = radau.tolerance or newton_tolerance(self.resolution, radau.loose)
+        close = radau.tolerance or newton_tolerance(min(self.resolution, radau.finest), radau.loose)
         at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
         at.slack, at.slow = close.slack, radau.slow
         try:
@@ -497,8 +501,7 @@ def _with_events(run: Run, events: Events) -> Run:
     """A run with its contacts, and the energy that bounces took."""
     said = [event._asdict() for event in events.found]
     settings: Settings = {**run.settings, "events": said}
-    springs, rows = run.system.loads.springs, run.system.kinks.rows
-    if gaps := {row.name: springs[row.spring][0].length for row in rows if row.pin}:
+    if gaps := {row.name: row.gap for row in run.system.kinks.rows if row.gap is not None}:
         settings["clearances"] = gaps
     work = None if run.work is None else run.work.copy()
     if work is not None:

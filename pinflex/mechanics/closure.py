@@ -312,7 +312,9 @@ class _Rows:
 
 
 def _turn_a(loop: Loop) -> Array:
-    """Frame a in its link: its z is the axis of the loop."""
+    """Frame a in its link: its z is the axis of the loop, its x where a slider has play."""
+    if loop.across is not None:
+        return np.column_stack([loop.across, np.cross(loop.axis, loop.across), loop.axis])
     return axis_frame(loop.axis, None)
 
 

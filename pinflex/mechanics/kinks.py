@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pinflex.mechanics.model.expanded import Expansion
 
 FROM = -1e300  # where first pieces begin
+RINGS = 1e5  # rad/s: of what rests on a rigid stop
 
 
 class Piece(NamedTuple):
@@ -44,10 +45,10 @@ class Piece(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A law: name, velocity row (-1: of a spring), place in y, whether (cos, sin), its spring.
+    """A law: name, velocity row (-1: none), place in y, whether (cos, sin), its spring or -1.
 
     restitution: What rigid stops at the ends of its piece `free` give back of a speed; -1: none.
-    pin: Whether it is one in a hole (`pinflex.mechanics.clearance`).
+    gap: Of a contact of bodies (`pinflex.mechanics.clearance`) [m]; None: it is none.
     """
 
     name: str
@@ -58,7 +59,7 @@ class Row(NamedTuple):
     pieces: tuple[Piece, ...]
     restitution: float = -1.0
     free: int = 0
-    pin: bool = False
+    gap: float | None = None
 
 
 class Pull(NamedTuple):
@@ -97,11 +98,11 @@ class Kinks:
     @property
     def pins(self) -> bool:
         """Whether there are pins with clearance."""
-        return any(row.pin for row in self.rows)
+        return any(row.gap is not None for row in self.rows)
 
     def of_spring(self, spring: int) -> int:
         """The law of a spring between frames, or -1."""
-        return next((k for k, row in enumerate(self.rows) if row.spring == spring), -1)
+        return next((k for k, row in enumerate(self.rows) if row.spring == spring >= 0), -1)
 
     def position(self, k: int, y: Array) -> Array:
         """The coordinate [rad | m] that law k is over, at y (..., nq), shape (...)."""
@@ -181,9 +182,19 @@ def dead_zone(half: float, stiffness: float, damping: float) -> tuple[Piece, ...
     )
 
 
-def stops(given: Stops) -> tuple[Piece, ...]:
-    """Springs and dampers beyond the stops of a joint."""
+def resting(place: float, mass: float) -> Piece:
+    """What holds a mass (kg | kg m^2) that has come to rest on a rigid stop.
+
+    So stiff that it gives way by 1e-10 of what accelerates it, and damped as fast as can be.
+    """
+    return Piece(place, place, 0.0, mass * RINGS**2, 1.0, 2.0 * mass * RINGS)
+
+
+def stops(given: Stops, mass: float) -> tuple[Piece, ...]:
+    """Springs and dampers beyond the stops of a joint that moves a mass (kg | kg m^2)."""
     law = (0.0, given.stiffness or 0.0, 1.0, given.damping)
+    if given.restitution is not None:
+        law = resting(0.0, mass)[2:6]
     lower, upper = given.lower, given.upper
     free = Piece(FROM if lower is None else lower, 0.0, 0.0, 0.0)
     below = () if lower is None else (Piece(FROM, lower, *law),)
@@ -207,7 +218,7 @@ def kinks(description: Description, model: pin.Model, expansion: Expansion | Non
     """Laws of pieces of a description; `expansion`: with gears that give way."""
     rows = []
     for name, extra in description.joints.items():
-        pieces = () if extra.stops is None else stops(extra.stops)
+        pieces = () if extra.stops is None else stops(extra.stops, _mass(model, name, extra.stops))
         both = [("stop of ", pieces), ("table of ", table(extra.table) if extra.table else ())]
         for what, each in both:
             if each:
@@ -227,6 +238,14 @@ def kinks(description: Description, model: pin.Model, expansion: Expansion | Non
         if law := spring_law(spring):
             rows.append(Row(spring.name, -1, 0, False, k, law))
     return made(rows)
+
+
+def _mass(model: pin.Model, name: str, given: Stops) -> float:
+    """About what a rigid stop of a joint meets, at the model's neutral pose."""
+    if given.restitution is None:
+        return 0.0
+    row = model.joints[model.getJointId(name)].idx_v
+    return float(pin.crba(model, model.createData(), pin.neutral(model))[row, row])
 
 
 def spring_law(spring: FrameSpring) -> tuple[Piece, ...]:

@@ -122,7 +122,7 @@ class Mechanism:
     def loose(self) -> System:
         """The flexible mechanism of level coupled: a free base and loose bodies are let go.
 
-        Pins that have clearance are held by contact.
+        Joints that have clearance are held by contact.
         """
         let_go = np.union1d(self.idle.base, self.idle.loose)
         system = self.flexible

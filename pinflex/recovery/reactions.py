@@ -65,7 +65,9 @@ def shaking_of(run: Run) -> Array:
     -(dh/dt - gravity - loads). A rotor's own spin counts as inertia about its joint's axis.
     """
     system, nt = run.system, len(run.t)
-    if system.loads.springs:  # which pull on the frame too: of these it is told
+    if (
+        system.loads.springs or system.loads.touches
+    ):  # which pull on the frame too: of these it is told
         system = replace(system, loads=Loads(system.loads.forces, ()))
     dynamics = Equations(system)
     y, v = (np.array(x) for x in zip(*(run.acting(k) for k in range(nt)), strict=True))

@@ -62,11 +62,9 @@ def forces(mechanism: Mechanism, run: Run) -> Forces:
         if kind != "coupling"
     }
     if system.kinks.rows and any(one.clearance for one in mechanism.description.loops):
-        places = equations.joint_poses(run.y)
-        for name, (place, force) in pins(system, mechanism.description.loops, places).items():
+        for name, (place, wrench) in pins(equations, y, v, run.a).items():
             out[f"loop/{name}/orbit"] = place
-            pressed = np.pad(force, ((0, 0), (0, 3)))
-            out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + pressed
+            out[f"loop/{name}/wrench"] = out[f"loop/{name}/wrench"] + wrench
     for name in mechanism.rigid.rigid.names[1:]:
         out[f"reaction/{name}"] = f[model.getJointId(name)]
     out["residual/closure"] = np.abs(c).max(axis=1, initial=0.0)

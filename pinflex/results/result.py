@@ -28,6 +28,7 @@ from pinflex.results.views import (
     JointView,
     LinkView,
     LoopView,
+    Statistic,
     Worst,
     peak,
     rms,
@@ -110,6 +111,12 @@ class Result(Display):
     def events(self) -> tuple[Event, ...]:
         """Contacts, releases and bounces of a run with stops, backlash, cables or clearance."""
         return tuple(Event(**one) for one in self.meta.get("settings", {}).get("events", ()))
+
+    @property
+    def statistics(self) -> dict[str, Statistic]:
+        """Torques of motors over runs whose histories part at contacts, by name; else empty."""
+        found = self.meta.get("settings", {}).get("statistics", {})
+        return {name: Statistic(**one) for name, one in found.items()}
 
     def with_errors(self) -> Result:
         """The result with `errors` in its meta, so that a file of it has them too."""

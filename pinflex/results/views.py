@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 # Source: Liu et al. (2017), J. Cent. South Univ. 24, eqs. 27 to 30; Timoshenko and Goodier, Theory
 # of Elasticity, section 109, for the torsion of a rectangle.
 
+_SPECTRUM = 16  # samples of a spectrum, at the least
 THEORIES = ("first", "second", "third", "fourth")
 
 
@@ -194,6 +195,47 @@ class Event(NamedTuple):
 
     def __repr__(self) -> str:
         return f"<Event {self.time:.6g} s, {self.name}: {self.what} at {self.speed:.3g}>"
+
+
+class Statistic(NamedTuple):
+    """A quantity over several runs whose single histories mean little: means, and their spread.
+
+    Attributes:
+        rms, peak: In the unit of the quantity.
+        frequencies: Lower ends of the octaves of its spectrum [Hz]. levels: Its rms in each.
+        spread: Of rms, of peak, then of every octave: standard deviation over the runs.
+        runs: Their number.
+    """
+
+    rms: float
+    peak: float
+    frequencies: list[float]
+    levels: list[float]
+    spread: list[float]
+    runs: int
+
+
+def statistics(
+    t: Array, names: Sequence[str], histories: Sequence[Array]
+) -> dict[str, dict[str, object]]:
+    """Statistics by name of runs (nt, names) at equal times t, as plain data."""
+    if len(t) < _SPECTRUM or not names:
+        return {}
+    frequencies = np.fft.rfftfreq(len(t), float(t[1] - t[0]))
+    edges = frequencies[1] * 2.0 ** np.arange(int(np.log2(len(frequencies) - 1)) + 1)
+    octave = np.searchsorted(edges, frequencies, side="right") - 1
+    found = {}
+    for k, name in enumerate(names):
+        rows = []
+        for x in (history[:, k] for history in histories):
+            power = 2.0 * np.abs(np.fft.rfft(x) / len(x)) ** 2
+            levels = [float(power[octave == band].sum()) ** 0.5 for band in range(len(edges))]
+            rows.append([float(np.mean(x**2)) ** 0.5, float(np.abs(x).max()), *levels])
+        mean, spread = np.mean(rows, axis=0).tolist(), np.std(rows, axis=0, ddof=1).tolist()
+        found[name] = Statistic(
+            mean[0], mean[1], edges.tolist(), mean[2:], spread, len(rows)
+        )._asdict()
+    return found
 
 
 class View:

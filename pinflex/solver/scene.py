@@ -201,6 +201,7 @@ class Scene:
         control: Feedback, or None.
         tolerance: Newton's, of the alpha family; None: its own.
         before: A run to go on with, or None.
+        nudge: What speeds are more at the start, by chance and always alike [rad/s | m/s].
     """
 
     mechanism: Mechanism
@@ -209,6 +210,7 @@ class Scene:
     control: Control | None = None
     tolerance: float | None = None
     before: Run | None = None
+    nudge: float = 0.0
 
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
@@ -478,6 +480,8 @@ class Scene:
     @cached_property
     def start(self) -> Start:
         """Found once, however often the scene is run, and kept with its mechanism."""
+        if self.nudge:
+            return self._nudged(replace(self, nudge=0.0).start)
         if not isinstance(self.spec.start, str):
             return self._found_start()
         kept, spec = self.mechanism.followed.starts, self.spec
@@ -489,6 +493,15 @@ class Scene:
         found = self._found_start()
         Followed.keep(kept, (self.motion, asked, found), _STARTS)
         return found
+
+    def _nudged(self, start: Start) -> Start:
+        """A start with other speeds, as loops and motors let them."""
+        system = self._system
+        J = Equations(system).close(start.y).J[:, system.free]
+        push = self.nudge * np.random.default_rng(0).standard_normal(len(system.free))
+        v = start.v.copy()
+        v[system.free] += push - np.linalg.pinv(J) @ (J @ push) if len(J) else push
+        return replace(start, v=v)
 
     def _found_start(self) -> Start:
         dynamics = Equations(self._system)

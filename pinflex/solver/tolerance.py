@@ -22,6 +22,7 @@ from pinflex.integrators.linear import Alpha
 from pinflex.integrators.run import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.results.views import statistics
 from pinflex.solver.one_run import errors, floor, force_errors, in_one_run, ringing
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step
@@ -33,6 +34,7 @@ _ROUNDS = 8
 # Blows multiply what runs differ by: runs beyond the first after which the last one is answered
 # with a word, where pins have clearance, and of others with contacts.
 _CHAOTIC, _ABRUPT = 1, 3
+_NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _FINER = 16.0  # resolution of a run of collocation over that of the next
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
@@ -83,7 +85,11 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     first, gain = (_STICKING * tol, 1.0) if abrupt else (8.0 * tol, 3.0)
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
-    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
+
+    def again(resolution: float) -> Run:
+        return replace(scene, nudge=_NUDGE).resolved(t, resolution, progress)
+
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain, again).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -134,8 +140,10 @@ class _Refinement:
         first: float,
         ratio: float,
         gain: float,
+        again: Callable[[float], Run] | None = None,
     ) -> None:
-        self.scene, self.tol, self.attempt = scene, tol, attempt
+        """`again`: the run from a start that differs by next to nothing."""
+        self.scene, self.tol, self.attempt, self.again = scene, tol, attempt, again
         self.size, self.ratio, self.gain = first, ratio, gain
         self.compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
         self.cost: dict[str, float] = {}
@@ -163,8 +171,36 @@ class _Refinement:
                 self.worse += worst > before
             self.size, before_last, coarse = self.size / self.ratio, coarse, fine
         if self.scene.bends and self.last is not None and before_last is not None:
-            return _parted(before_last, self.last, self.tol)
+            return self._parted(before_last, self.last)
         raise self._not_reached()
+
+    def _parted(self, coarse: Run, fine: Run) -> Run:
+        """The finer of two runs with contacts that part, with a word on what it may be used for."""
+        moved, words = None, ""
+        try:
+            moved = self.again(self.size * self.ratio**2) if self.again else None
+        except ConvergenceError:
+            words = "A third run, from a start with other last digits, broke off. "
+        when, tol = _parting(coarse, fine, self.tol), self.tol
+        if moved is not None:
+            for key, count in moved.cost.items():
+                fine.cost[key] = fine.cost.get(key, 0.0) + count
+            fine.cost["runs"] = self.runs + 1.0
+            apart = _parting(coarse, moved, tol)
+            words = f"Two starts whose speeds differ by {_NUDGE:g} part at {apart:.4g} s. "
+            if not np.isfinite(apart):
+                words = f"Two starts {_NUDGE:g} apart do not: a smaller tol brings it. "
+        peaks = ", ".join(f"{np.abs(_history(x)).max():.4g}" for x in (coarse, fine))
+        words = (
+            f"contacts multiply what two runs differ by: they part by more than tol = {tol:g} at "
+            f"t = {when:.4g} s, and from there on a single history means little. {words}Peaks (the "
+            f"two have {peaks}), means and spectra do, with their spread: run.statistics; a "
+            "shorter `until` is within tol."
+        )
+        every = (coarse, fine) if moved is None else (coarse, fine, moved)
+        found = statistics(fine.t, self.scene.mechanism.motors, [run.torque for run in every])
+        settings = {**fine.settings, "statistics": found}
+        return replace(fine, settings=settings, warnings=(*fine.warnings, words))
 
     def _next(self, coarse: Run | None) -> Run | None:
         """The next run; None where it broke off and a finer one may pass."""
@@ -174,6 +210,7 @@ class _Refinement:
             # Where steps that are too long break off, shorter ones may pass; after one that passed,
             # it is round-off that they meet.
             self.failures += 1
+            self.runs -= 1
             if self.last is not None:
                 raise floor(self.scene, self.tol, self.last) from None
             if self.failures > _FAILURES:
@@ -219,19 +256,15 @@ class _Refinement:
         return failed
 
 
-def _parted(coarse: Run, fine: Run, tol: float) -> Run:
-    """The finer of two runs with contacts that part, with a word on what it may be used for."""
-    which = "torque" if fine.torque.size else "y"
-    a, b = (getattr(run, which) for run in (coarse, fine))
+def _history(run: Run) -> Array:
+    return run.torque if run.torque.size else run.y
+
+
+def _parting(one: Run, other: Run, tol: float) -> float:
+    """When two runs differ by more than tol of the largest [s]; inf: they do not."""
+    a, b = _history(one), _history(other)
     apart = np.abs(a - b).max(axis=1) > tol * max(np.abs(b).max(), 1e-300)
-    when = float(fine.t[np.argmax(apart)]) if apart.any() else float(fine.t[-1])
-    peaks = ", ".join(f"{np.abs(x).max():.4g}" for x in (a, b))
-    words = (
-        f"contacts multiply what two runs differ by: they part by more than tol = {tol:g} at t = "
-        f"{when:.4g} s, and from there on a single history means little. Peaks (the two have "
-        f"{peaks}), means and spectra of a long run do; a shorter `until` is within tol."
-    )
-    return replace(fine, warnings=(*fine.warnings, words))
+    return float(other.t[np.argmax(apart)]) if apart.any() else np.inf
 
 
 def _worst(run: Run) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import pi
 from typing import Any
 
 from pinflex.description.blocks import drives
@@ -126,6 +127,8 @@ def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     of = schema.quantity(urdf.joints[name].type)
     if "stops" in block:
         values["stops"] = _stops(block["stops"], place["stops"], of)
+        if urdf.joints[name].type == "continuous":
+            _require_within_a_turn(values["stops"], place["stops"])
     if "table" in block:
         values["table"] = schema.points(block["table"], place["table"], of, "moment")
     values |= _driven(block, place, urdf.joints[name].reduction)
@@ -157,6 +160,17 @@ def _stops(value: object, where: str, of: str) -> Stops:
     if "damping" in block and "stiffness" not in block:
         raise DescriptionError(f"{place['damping']}: a rigid stop has none. Give `stiffness`.")
     return Stops(**found)
+
+
+def _require_within_a_turn(given: Stops, where: str) -> None:
+    """Refuse stops that a joint without end would reach the long way round too."""
+    ends = given.lower, given.upper
+    if None in ends or not all(abs(x or 0.0) < pi for x in ends):
+        raise DescriptionError(
+            f"{where}: a continuous joint knows its angle between -pi and pi only, where a turn to "
+            "the other side would meet the stop too. Give `lower` and `upper` within, or make the "
+            "joint revolute in the URDF."
+        )
 
 
 def _require_one_side(values: Mapping[str, Any], place: Mapping[str, str]) -> None:

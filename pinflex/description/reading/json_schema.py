@@ -136,7 +136,8 @@ def _joint() -> Form:
         "stops": _block(_of_record(joints.Stops)),
         "table": {"type": "array"},
     }
-    return _block(_any(joints.KEYS) | _of_record(joints.JointExtra) | own
+    loose = {key: form for key, form in _of_record(loops.Loop).items() if key in loops.PIN}
+    return _block(_any(joints.KEYS) | loose | _of_record(joints.JointExtra) | own
                   | {"parallel_spring": _NUMBER})  # fmt: skip
 
 

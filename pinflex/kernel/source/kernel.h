@@ -34,6 +34,7 @@ typedef struct {
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
   Int squares;                            /* psi . eta, squared: rows of G as sums of them */
   Int kinks;                              /* laws of pieces, see kinks.c */
+  Int touches;                            /* contacts, see touch.c */
   const Int *q_at;                                       /* [nq_rigid] of rigid q in Q */
   const Int *v_at;                                       /* [nv_rigid] of rigid v in V */
   const Int *parent, *kind, *node_q, *node_v;            /* [nodes] */
@@ -82,6 +83,7 @@ typedef struct {
   const Int *kink_v, *kink_q, *kink_paired;              /* [kinks] a coordinate; v = -1: of a spring */
   const Int *kink_at;                                    /* [kinks+1] pieces */
   const Int *spring_kink;                                /* [springs] its law, or -1 */
+  const Int *touch_a, *touch_b, *touch_shape, *touch_kink; /* [touches] */
   const double *gravity;                                 /* [3] */
   const double *R0;                                      /* [nodes, 9] */
   const double *p0, *axis;                               /* [nodes, 3] */
@@ -119,6 +121,8 @@ typedef struct {
   const double *power;                                   /* [*power_at] (pieces, degree + 1, entries) */
   const double *sum;                                     /* [*sum_at] */
   const double *square;                                  /* [*square_at] psi */
+  const double *touch_place_a, *touch_place_b, *touch_axis; /* [touches, 3] */
+  const double *touch_law;                               /* [touches, 4] gap, friction, v_0, radius */
   const double *kink_start;                              /* [*kink_at] where pieces begin, rad | m */
   const double *kink_piece;                              /* [*kink_at, 7] see kinks.c */
 } Tables;
@@ -170,12 +174,16 @@ EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const 
 void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const double *hit);
 
 /* closures.c, loads.c */
-void spring_lengths(const Tables *t, Work *w, Int k, Lane *length); /* m, where nodes stand */
 void close_loops(const Tables *t, Work *w, const Lane *lam, Lane *c);
 void apply_loads(const Tables *t, Work *w, const Lane *scale);
 void spring_lengths(const Tables *t, Work *w, Int k, Lane *length); /* of spring k, m */
 Lane damper_power(const Tables *t, Work *w); /* of dampers between frames, W */
 Lane load_energy(const Tables *t, Work *w, const Lane *scale); /* of springs and dead forces, J */
+
+/* touch.c: forces; energy, J, or power taken, W; how far beyond their rims, into the laws, of a lane */
+void apply_touches(const Tables *t, Work *w);
+Lane touch_power(const Tables *t, Work *w, int stored);
+void touch_places(const Tables *t, Work *w, int l, double *x);
 
 /* added_mass.c: of nodes whose motion is known */
 void add_masses(const Tables *t, Work *w);

@@ -87,7 +87,7 @@ void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const doubl
 EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const double *Y, double *x) {
   Work w;
   Group g;
-  int springs = 0;
+  int springs = t->touches > 0;
   lay_out(t, memory, &w, &g);
   for (Int k = 0; k < t->springs; k++) springs |= t->spring_kink[k] >= 0;
   for (Int first = 0; first < count; first += LANES) {
@@ -96,6 +96,8 @@ EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const 
     for (int l = 0; l < LANES && first + l < count; l++)
       for (Int k = 0; k < t->kinks; k++)
         if (t->kink_v[k] >= 0) x[(first + l) * t->kinks + k] = place(t, k, g.y, l);
+    for (int l = 0; t->touches && l < LANES && first + l < count; l++)
+      touch_places(t, &w, l, x + (first + l) * t->kinks);
     for (Int k = 0; k < t->springs; k++) {
       if (t->spring_kink[k] < 0) continue;
       Lane length;

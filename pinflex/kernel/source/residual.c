@@ -18,7 +18,7 @@ void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   w->Q = (Lane *)(memory + padded(t->nodes * (Int)sizeof(Node)));
   w->V = w->Q + t->nQ;
   w->A = w->V + t->nV;
-  w->moving = t->dampers + t->added + t->sleeves > 0;
+  w->moving = t->dampers + t->added + t->sleeves + t->touches > 0;
   g->y = w->A + t->nV;
   g->v = g->y + t->nq;
   g->a = g->v + t->nv;
@@ -42,6 +42,7 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
   add_masses(t, w);
   close_loops(t, w, lam, c);
   apply_loads(t, w, scale);
+  apply_touches(t, w);
   inward(t, w);
   for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
   couple_joints(t, w, lam, c);
@@ -50,7 +51,7 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c) {
   expand(t, w, y, v, a);
-  balance(t, w, t->loops + t->forces + t->springs + t->added > 0, lam, scale, c);
+  balance(t, w, t->loops + t->forces + t->springs + t->added + t->touches > 0, lam, scale, c);
   project(t, w, y, v, r);
 }
 
@@ -96,14 +97,14 @@ EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const doubl
   lay_out(t, memory, &w, &g);
   for (Int k = 0; t->kinks && k < count; k++)
     power[k] += kink_loss(t, &w, Y + k * t->nq, V + k * t->nv);
-  if (!t->dampers) return;
+  if (!t->dampers && !t->touches) return;
   for (Int i = 0; i < t->nv; i++) g.a[i] = lane(0);
   for (Int first = 0; first < count; first += LANES) {
     gather(Y, count, t->nq, first, g.y);
     gather(V, count, t->nv, first, g.v);
     expand(t, &w, g.y, g.v, g.a);
     outward(t, &w, 1);
-    Lane taken = damper_power(t, &w);
+    Lane taken = damper_power(t, &w) + touch_power(t, &w, 0);
     for (int l = 0; l < LANES && first + l < count; l++) power[first + l] += taken[l];
   }
 }

@@ -50,6 +50,7 @@ void add_transposed(Int nv, const double *J, const double *P, double sign, doubl
 
 /* load_tangent.c */
 void load_tangent(const Tables *t, const Work *lanes, Tangent *w, const Lane *scale, double *C, double *K);
+void touch_tangents(const Tables *t, Work *lanes, Tangent *w, double *C, double *K); /* touch.c */
 
 /* closure_tangent.c */
 void close_jacobian(const Tables *t, Tangent *w, double *J);

@@ -170,7 +170,7 @@ KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
     for record, names in (
         (Springs, "v_at q_at paired stiffness rest"),
-        (Loads, "forces springs"),
+        (Loads, "forces springs touches"),
         (FrameForce, "name frame force moment follower start until ramp"),
         (FrameSpring, "name frame_a frame_b stiffness damper length at tension_only table"),
         (Kinks, "rows energy"),
@@ -290,6 +290,7 @@ def tables(system: System) -> Tables:
         "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
         "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
         "squares": len(arrays["square_eta"]), "kinks": len(system.kinks.rows),
+        "touches": len(system.loads.touches),
     }  # fmt: skip
     return Tables(counts, arrays)
 
@@ -298,6 +299,7 @@ def _loaded(loads: Loads) -> list[int]:
     """Joints that carry a load or the end of a spring."""
     ends = [place for _, place in loads.forces]
     ends += [end for _, a, b in loads.springs for end in (a, b)]
+    ends += [end for one in loads.touches for end in (one.a, one.b)]
     return [int(end.joint) for end in ends]
 
 
@@ -495,6 +497,14 @@ def _loads(loads: Loads, node_of: IntArray) -> dict[str, Any]:
         "spring_place_a": [a.placement.translation for _, a, _ in loads.springs],
         "spring_place_b": [b.placement.translation for _, _, b in loads.springs],
         "spring_law": [(s.stiffness, s.damper, s.length) for s, _, _ in loads.springs],
+        "touch_a": [node_of[one.a.joint] for one in loads.touches],
+        "touch_b": [node_of[one.b.joint] for one in loads.touches],
+        "touch_shape": [one.shape for one in loads.touches],
+        "touch_kink": [one.law for one in loads.touches],
+        "touch_place_a": [one.a.placement.translation for one in loads.touches],
+        "touch_place_b": [one.b.placement.translation for one in loads.touches],
+        "touch_axis": [one.axis for one in loads.touches],
+        "touch_law": [(x.gap, x.friction, x.speed, x.radius) for x in loads.touches],
     }
 
 

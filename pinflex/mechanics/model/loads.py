@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,25 +22,91 @@ if TYPE_CHECKING:
     from pinflex.description.blocks.drives import Friction
     from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring
     from pinflex.description.description import Description
+    from pinflex.mechanics.kinks import Kinks
 
+_FAINT = 1e-9  # of the speed that friction is smoothed at: there tanh(x) / x is 1
 _MEET = 1e-9  # [m], far below what a drawing says
+
+
+BALL, PIN, WALL = range(3)  # in a socket, in a hole, a corner at a wall: kernel/source/touch.c
+
+
+class Touch(NamedTuple):
+    """A contact of two bodies: where they are, the distance e that counts, and how it rubs.
+
+    Attributes:
+        name: Of its loop. shape: `BALL`, `PIN` or `WALL`. a, b: The middle of the hole and of the
+            pin, or a point of the wall's body and the corner.
+        axis: Unit vector in the joint of a: along the hole, or towards the wall.
+        gap: e at which it touches [m]. radius: From b to what touches [m].
+        friction: Coulomb's coefficient. speed: At which it is smoothed [m/s].
+        law: Its law among those of the system.
+    """
+
+    name: str
+    shape: int
+    a: Attachment
+    b: Attachment
+    axis: tuple[float, float, float]
+    gap: float
+    radius: float
+    friction: float
+    speed: float
+    law: int
+
+    def outward(self, d: Array) -> tuple[Array, Array]:
+        """Unit vectors u towards the rim (n, 3), and u . d (n,), of ways d from a to b (n, 3)."""
+        s = np.array(self.axis)
+        along = d @ s
+        if self.shape == WALL:
+            return np.tile(s, (len(d), 1)), along
+        off = d if self.shape == BALL else d - along[:, None] * s
+        length = np.linalg.norm(off, axis=1)
+        return off / np.maximum(length, 1e-300)[:, None], length
+
+    def force(self, motion: Array, kinks: Kinks) -> TouchForce:
+        """On B at b and about it, in axes of A, of n motions d, d', W of B as A sees it (n, 9)."""
+        way, turn = motion[:, 3:6], motion[:, 6:]
+        out, length = self.outward(motion[:, :3])
+        rate = np.sum(out * way, axis=1)
+        pull = kinks.pull(self.law, length - self.gap, rate)
+        slip = way + self.radius * np.cross(turn, out) - rate[:, None] * out
+        fast = np.linalg.norm(slip, axis=1)
+        held = self.friction * np.maximum(pull.force, 0.0)
+        smooth = np.tanh(fast / self.speed) / np.maximum(fast, 1e-300)
+        rub = (
+            -(held * np.where(fast > _FAINT * self.speed, smooth, 1.0 / self.speed))[:, None] * slip
+        )
+        moment = self.radius * np.cross(out, rub)
+        loss = pull.loss - np.sum(rub * slip, axis=1)
+        return TouchForce(rub - pull.force[:, None] * out, moment, pull.energy, loss)
+
+
+class TouchForce(NamedTuple):
+    """Force and moment (n, 3), stored energy (n,), J, and power taken (n,), W, of a contact."""
+
+    force: Array
+    moment: Array
+    energy: Array
+    loss: Array
 
 
 @dataclass(frozen=True)
 class Loads:
-    """Loads and springs of one model, with the frames they act on.
+    """Loads, springs and contacts of one model, with the frames they act on.
 
     Attributes:
-        forces: Loads with their frame. springs: Springs with both frames.
+        forces: Loads with their frame. springs: Springs with both frames. touches: Contacts.
     """
 
     forces: tuple[tuple[FrameForce, Attachment], ...]
     springs: tuple[tuple[FrameSpring, Attachment, Attachment], ...]
+    touches: tuple[Touch, ...] = ()
 
     @property
     def present(self) -> bool:
         """Whether there is anything."""
-        return bool(self.forces or self.springs)
+        return bool(self.forces or self.springs or self.touches)
 
     @property
     def timed(self) -> bool:

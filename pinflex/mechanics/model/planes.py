@@ -232,7 +232,8 @@ def plane_of(description: Description, links: Sequence[Link]) -> Plane:
     for link in links:
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
         poses.append(above * link.placement)
-    normal = _common_axis(links, poses)
+    cut = {loop.name for loop in description.loops if loop.clearance is not None}
+    normal = _common_axis(links, poses, cut)
     if normal is None:
         return Plane(poses, None)
     every = list(_acting(description, links, poses))
@@ -348,13 +349,19 @@ def _loads(
             yield _Acting(f"the start speed of {name}", (at(name).translation,), (speed,))
 
 
-def _common_axis(links: Sequence[Link], poses: Sequence[pin.SE3]) -> Array | None:
-    """The axis (world) that all joints turn about in parallel, or None."""
+def _common_axis(
+    links: Sequence[Link], poses: Sequence[pin.SE3], cut: Collection[str]
+) -> Array | None:
+    """The axis (world) that all joints turn about in parallel, or None.
+
+    A hinge that is `cut`, for it has clearance, is a planar joint about its z.
+    """
     normal: Array | None = None
     for link, pose in zip(links, poses, strict=True):
         for step in link.steps:
-            axis = joint_axis(link)
-            if axis is None or not step.model.shortname().startswith("JointModelR"):
+            hinge = step.model.shortname().startswith("JointModelR")
+            axis = (0.0, 0.0, 1.0) if link.joint in cut else joint_axis(link) if hinge else None
+            if axis is None:
                 return None
             world = pose.rotation @ np.array(axis)
             if normal is None:

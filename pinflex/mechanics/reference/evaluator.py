@@ -295,6 +295,12 @@ class Reference:
             power[k] += load.dissipation(here.V[k])
         return power
 
+    def outward(self, y: Array) -> Array:
+        """Rates at which contacts go to their rims, by velocities, (touches, nv), at y (nq,)."""
+        here = self.map.at(y[None])
+        load = next(load for _, load in self._loads(here.Q))
+        return np.asarray(here.times_map(load.outward()))
+
     def spring_stiffness(self, y: Array) -> Array:
         """Stiffness of springs between frames along their lines, shape (nv, nv), at y (nq,)."""
         here, K = self.map.at(y[None]), np.zeros((self.system.nv, self.system.nv))

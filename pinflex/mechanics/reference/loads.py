@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pinflex.arrays import Array
     from pinflex.description.blocks.external import FrameForce
     from pinflex.mechanics.model.expanded import Attachment
-    from pinflex.mechanics.model.loads import Loads
+    from pinflex.mechanics.model.loads import Loads, Touch
 
 
 class LoadState:
@@ -32,6 +32,7 @@ class LoadState:
         self._given, self._J, self._kinks = given, J, kinks
         ends = [place for _, place in given.forces]
         ends += [place for _, a, b in given.springs for place in (a, b)]
+        ends += [place for one in given.touches for place in (one.a, one.b)]
         self.joints = list(dict.fromkeys(place.joint for place in ends))
         self._jacobian = {joint: J * support(model, joint) for joint in self.joints}
         self._pose = {joint: poses[joint].reshape(4, 3) for joint in self.joints}
@@ -49,6 +50,13 @@ class LoadState:
             wrench = pull * np.concatenate([u, np.cross(p_a, u)])
             total[a.joint] += wrench
             total[b.joint] -= wrench
+        for one in self._given.touches:
+            R, motion = self._seen(one, V)
+            found, p = one.force(motion, self._kinks), self._point(one.b)
+            F, M = R @ found.force[0], R @ found.moment[0]
+            wrench = np.concatenate([F, np.cross(p, F) + M])
+            total[one.b.joint] += wrench
+            total[one.a.joint] -= wrench
         return total
 
     def generalized(self, V: Array, t: float) -> Array:
@@ -65,15 +73,20 @@ class LoadState:
                 energy -= float(F @ p)
         for k, (_, a, b) in enumerate(self._given.springs):
             energy += float(self._pull(k, self._line(a, b)[2], 0.0).energy)
+        still = np.zeros(self._J.shape[1])
+        for one in self._given.touches:
+            energy += float(one.force(self._seen(one, still)[1], self._kinks).energy[0])
         return energy
 
     def dissipation(self, V: Array) -> float:
         """Power that the dampers take, W."""
         dampers = ((k, a, b) for k, (s, a, b) in enumerate(self._given.springs) if s.damper)
-        return sum(
+        damped = sum(
             float(self._pull(k, self._line(a, b)[2], self._rate(a, b, V)).loss)
             for k, a, b in dampers
         )
+        touched = (one.force(self._seen(one, V)[1], self._kinks) for one in self._given.touches)
+        return damped + sum(float(found.loss[0]) for found in touched)
 
     def _pull(self, spring: int, length: float, rate: float) -> Pull:
         """Of a spring between frames, straight or of pieces."""
@@ -118,6 +131,24 @@ class LoadState:
         p_a = self._point(a)
         d = self._point(b) - p_a
         return p_a, d, float(np.linalg.norm(d))
+
+    def outward(self) -> Array:
+        """Rates at which contacts go towards their rims, by velocities, shape (touches, nV)."""
+        rows = []
+        for one in self._given.touches:
+            R, seen = self._seen(one, np.zeros(self._J.shape[1]))
+            u, d = R @ one.outward(seen[:, :3])[0][0], R @ seen[0, :3]
+            moves = self._moves(one.b) - self._moves(one.a)
+            rows.append(u @ moves - np.cross(d, u) @ self._jacobian[one.a.joint][3:])
+        return np.array(rows)
+
+    def _seen(self, one: Touch, V: Array) -> tuple[Array, Array]:
+        """Axes of A, and the motion (1, 9) of B as A sees it."""
+        R = self._pose[one.a.joint][:3].T
+        d = self._point(one.b) - self._point(one.a)
+        spin_a, spin_b = (self._jacobian[end.joint][3:] @ V for end in (one.a, one.b))
+        way = (self._moves(one.b) - self._moves(one.a)) @ V - np.cross(spin_a, d)
+        return R, np.concatenate([d @ R, way @ R, (spin_b - spin_a) @ R])[None]
 
     def _rate(self, a: Attachment, b: Attachment, V: Array) -> float:
         """Rate of the distance from a to b, m/s."""
