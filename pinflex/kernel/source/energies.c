@@ -68,7 +68,7 @@ static Lane of_added(const Tables *t, Work *w) {
 }
 
 static Lane sprung(const Tables *t, Work *w, const Lane *y, const Lane *scale) {
-  Lane energy = load_energy(t, w, scale) + kink_energy(t, w, y, 0) + touch_power(t, w, 1);
+  Lane energy = load_energy(t, w, scale) + kink_energy(t, w, y, 0);
   for (Int k = 0; k < t->joint_springs; k++) {
     const double *law = t->joint_spring_law + 2 * k;
     Lane off = joint_spring_angle(t, k, y) - law[1];

@@ -139,8 +139,9 @@ static void spring(const Tables *t, const Work *lanes, Tangent *w, Int k, double
   spring_end(t, J_b, b, d, u, e, faster, per_length, law, -1.0, pushed, C, K);
 }
 
-void load_tangent(const Tables *t, const Work *lanes, Tangent *w, const Lane *scale, double *C, double *K) {
+void load_tangent(const Tables *t, Work *lanes, Tangent *w, const Lane *scale, double *C, double *K) {
   for (Int k = 0; k < t->forces; k++)
     if (!t->force_follows[k]) dead_load(t, w, k, scale[k][0], K);
   for (Int k = 0; k < t->springs; k++) spring(t, lanes, w, k, C, K);
+  touch_tangents(t, lanes, w, C, K);
 }

@@ -90,7 +90,7 @@ Lane damper_power(const Tables *t, Work *w) {
       loss[l] = kinked(t, w, t->spring_kink[k], length[l] - law[2], rate[l]).loss;
     power += loss;
   }
-  return power;
+  return t->touches ? power + touch_power(t, w, 0) : power;
 }
 
 Lane load_energy(const Tables *t, Work *w, const Lane *scale) {
@@ -107,10 +107,11 @@ Lane load_energy(const Tables *t, Work *w, const Lane *scale) {
       held[l] = kinked(t, w, t->spring_kink[k], longer[l], 0.0).energy;
     energy += held;
   }
-  return energy;
+  return t->touches ? energy + touch_power(t, w, 1) : energy;
 }
 
 void apply_loads(const Tables *t, Work *w, const Lane *scale) {
   apply_forces(t, w, scale);
   apply_springs(t, w);
+  apply_touches(t, w);
 }

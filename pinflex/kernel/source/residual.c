@@ -42,7 +42,6 @@ void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *
   add_masses(t, w);
   close_loops(t, w, lam, c);
   apply_loads(t, w, scale);
-  apply_touches(t, w);
   inward(t, w);
   for (Int k = 0; k < t->nV; k++) w->V[k] += t->armature[k] * w->A[k];
   couple_joints(t, w, lam, c);
@@ -104,7 +103,7 @@ EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const doubl
     gather(V, count, t->nv, first, g.v);
     expand(t, &w, g.y, g.v, g.a);
     outward(t, &w, 1);
-    Lane taken = damper_power(t, &w) + touch_power(t, &w, 0);
+    Lane taken = damper_power(t, &w);
     for (int l = 0; l < LANES && first + l < count; l++) power[first + l] += taken[l];
   }
 }

@@ -311,7 +311,6 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   close_tangent(t, &w, lam, K, J);
   sleeve_tangent(t, lanes, &w, lam, K, J);
   load_tangent(t, lanes, &w, scale, C, K);
-  touch_tangents(t, lanes, &w, C, K);
   friction_tangent(t, v, C);
   kink_tangent(t, lanes, y, v, C, K);
 }

@@ -49,7 +49,7 @@ void add_product(Int nv, const double *J, const double *S, const double *D, doub
 void add_transposed(Int nv, const double *J, const double *P, double sign, double *K);
 
 /* load_tangent.c */
-void load_tangent(const Tables *t, const Work *lanes, Tangent *w, const Lane *scale, double *C, double *K);
+void load_tangent(const Tables *t, Work *lanes, Tangent *w, const Lane *scale, double *C, double *K);
 void touch_tangents(const Tables *t, Work *lanes, Tangent *w, double *C, double *K); /* touch.c */
 
 /* closure_tangent.c */
