@@ -27,6 +27,7 @@ class Settings(TypedDict, total=False):
     start: Where it started: straight, static, ... drive: "prescribed" or "torque".
     tol: Tolerance. error: Estimated error by output. judged: By what.
     events: Contacts. clearances: Of pins, by name [m].
+    statistics: Of runs that part, by motor.
     """
 
     integrator: str
@@ -44,6 +45,7 @@ class Settings(TypedDict, total=False):
     judged: str
     events: list[dict[str, Any]]
     clearances: dict[str, float]
+    statistics: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ class _Refinement:
         )
         every = (coarse, fine) if moved is None else (coarse, fine, moved)
         found = statistics(fine.t, self.scene.mechanism.motors, [run.torque for run in every])
-        settings = {**fine.settings, "statistics": found}
+        settings: Settings = {**fine.settings, "statistics": found}
         return replace(fine, settings=settings, warnings=(*fine.warnings, words))
 
     def _next(self, coarse: Run | None) -> Run | None:
