@@ -211,9 +211,8 @@ class Words:
         return words(self.laid_out)
 
 
-Block = (
-    str | Table | Lines | Listing | Words | Sequence["Block"]
-)  # str: a paragraph; a sequence: no gaps
+# A text is a paragraph; between the blocks of a sequence there are no gaps.
+Block = str | Table | Lines | Listing | Words | Sequence["Block"]
 
 
 @dataclass(frozen=True)
@@ -313,12 +312,12 @@ def grid(heads: Sequence[str], rows: Sequence[Sequence[object]], left: Container
 
     top = line("th", heads)
     body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows[:_ROWS])
-    left = [
+    rest = [
         f"{len(all_) - _ROWS} more {what}"
         for all_, what in ((rows, "rows"), (heads, "columns"))
         if len(all_) > _ROWS
     ]
-    more = f"<div>and {', '.join(left)}</div>" if left else ""
+    more = f"<div>and {', '.join(rest)}</div>" if rest else ""
     return f"<table><tr>{top}</tr>{body}</table>{more}"
 
 

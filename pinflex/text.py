@@ -99,11 +99,6 @@ def report(*blocks: str) -> str:
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def bullets(texts: Sequence[str]) -> str:
-    """Paragraphs, each after a dash."""
-    return "\n".join(paragraph(text, "  ", "- ") for text in texts)
-
-
 def table(
     title: str,
     header: str,
