@@ -17,6 +17,7 @@ import yaml
 from pinflex.description import sources
 from pinflex.description.blocks import curved, flexible
 from pinflex.description.blocks.control import Control, read_control
+from pinflex.description.blocks.drives import SHARE, Tension, read_share
 from pinflex.description.blocks.external import (
     AddedMass,
     FrameForce,
@@ -251,7 +252,8 @@ class Description:
         joints: What the YAML adds to joints, by joint name; do not change it.
         couplings: Joints that follow others.
         actuated: Joints with a motor.
-        share: How level rigid shares forces among more motors than freedoms: least.
+        share: How level rigid shares forces among more motors than freedoms: least, or
+            those that pull.
         loops: Closures.
         idle: held or free: what becomes of freedoms that nothing hangs on.
         forces: Loads at frames.
@@ -288,7 +290,7 @@ class Description:
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
-    share: str = schema.word("least", ("least",))
+    share: str | Tension = schema.key("least", read_share, form=SHARE)
     loops: tuple[Loop, ...] = ()
     idle: str = schema.word("held", ("held", "free"))
     forces: tuple[FrameForce, ...] = ()
