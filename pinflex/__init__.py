@@ -109,6 +109,7 @@ if TYPE_CHECKING:
     from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
     from pinflex.studies.many import batch
+    from pinflex.studies.play import play, play_map
     from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.study import Study, compare
@@ -190,6 +191,8 @@ __all__ = [
     "pareto",
     "pid",
     "platform_compliance",
+    "play",
+    "play_map",
     "pose_map",
     "quintic",
     "recompute",
@@ -333,6 +336,7 @@ _HOME = {
         "frequency_response",
     ),
     "studies.many": ("batch",),
+    "studies.play": ("play", "play_map"),
     "studies.pose_map": ("pose_map",),
     "studies.pose": ("platform_compliance",),
     "solver.solve": ("recompute",),

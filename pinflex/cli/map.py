@@ -16,6 +16,9 @@ from pinflex.text import number, paragraph
 from pinflex.writing import writable
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.results.pose_map import PoseMap
 
 
@@ -44,6 +47,11 @@ locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives w
     )
     parser.preload(p)
     p.add_argument("--free-motors", action="store_true", help="frequencies with free motors")
+    p.add_argument(
+        "--play", nargs="?", const="", metavar="CLEARANCE",
+        help="instead, where the platform can be without motors moving: the clearance of loops and "
+        "the backlash of drives, or this clearance (50um) in every pin and ball",
+    )  # fmt: skip
     p.add_argument("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)")
     parser.table(p)
 
@@ -65,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
     where: dict[str, Any] = {"grid": grid}
     if args.instants is not None:
         where |= {"along": default_motion(mechanism), "instants": args.instants}
+    if args.play is not None:
+        return _play(args, mechanism, where, out, options)
     with batch.CaseBar("map", options) as bar:
         poses = pose_map(
             mechanism, **where, count=args.count, preload=args.preload,
@@ -78,6 +88,30 @@ def run(args: argparse.Namespace) -> int:
             "--grid x=-.05:.05:9, or --instants 41 for poses of the motion."
         )
     return batch.answer(args, poses.table, out, figures, _screen(poses), bar, notes)
+
+
+def _play(
+    args: argparse.Namespace,
+    mechanism: Mechanism,
+    where: dict[str, Any],
+    out: Path | None,
+    options: dict[str, Any],
+) -> int:
+    """The play of the platform over a grid of poses: table and figure."""
+    from pinflex.cli import batch
+    from pinflex.studies.play import play_map
+    from pinflex.viewer.plots.play import save_plays
+
+    with batch.CaseBar("map", {**options, "jobs": 1, "scheduler": None}) as bar:
+        plays = play_map(mechanism, **where, clearance=args.play or None, progress=bar)
+    figures = [] if args.plot is None else [save_plays(plays, args.plot)]
+    poses = plays.plays.reshape(-1)
+    screen = str(poses[0]) if len(poses) == 1 and poses[0] is not None else ranges(plays.table)
+    notes = [
+        "play is the longest way of the platform's origin to a side, play.x that along x with the "
+        "other displacements free; links rigid, axes of pins parallel, to first order."
+    ]
+    return batch.answer(args, plays.table, out, figures, screen, bar, notes)
 
 
 def _screen(poses: PoseMap) -> str:
