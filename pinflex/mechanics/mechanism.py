@@ -134,6 +134,13 @@ class Mechanism:
         held = np.setdiff1d(system.held, let_go).astype(np.intp)
         return replace(system, held=held)
 
+    @cached_property
+    def standing(self) -> System:
+        """The flexible mechanism at rest: pins that have clearance are held by contact."""
+        if all(loop.clearance is None for loop in self.description.loops):
+            return self.flexible
+        return replace(self.loose, held=self.flexible.held)
+
     @property
     def motors(self) -> tuple[str, ...]:
         """Names of the motor coordinates, in torque order."""

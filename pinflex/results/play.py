@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 OUTLINE = 96  # points of an outline
 _DIRECTIONS = 400  # over a sphere, from which the farthest place is climbed to
 _CLIMBS, _ROUNDS = 30, 300
-_NOTHING = 1e-12  # of the largest force: one that is none
+_NOTHING = 1e-12  # of a direction: what is round-off
+_NONE = 1e-8  # of a load: a force that is none where the loops are overconstrained
 _EVEN = np.pi * (3.0 - np.sqrt(5.0))  # the golden angle
 
 
@@ -85,16 +86,15 @@ class Play:
     def where(self, direction: Sequence[float] | Array) -> Array:
         """The place farthest along directions (..., 6): displacement, shape (..., 6), m and rad."""
         u = np.asarray(direction, float)
-        if not self.agree[0].shape[0]:
-            found = np.zeros(u.shape)
-            for c, T, force in zip(self.sizes, self.moves, self._forces(u), strict=True):
-                size = np.linalg.norm(force, axis=-1, keepdims=True)
-                lean = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
-                found += c * lean @ T.T
-            return found
-        step = 1e-5 * np.linalg.norm(u, axis=-1)[..., None, None] * np.eye(6)
-        ahead, behind = (self.reach(u[..., None, :] + s) for s in (step, -step))
-        return np.asarray((ahead - behind) / (2.0 * np.diagonal(step, axis1=-2, axis2=-1)))
+        if u.ndim > 1 and self._held_by_itself:
+            return np.array([self.where(one) for one in u.reshape(-1, 6)]).reshape(u.shape)
+        found = np.zeros(u.shape)
+        for c, T, force in zip(self.sizes, self.moves, self._forces(u), strict=True):
+            size = np.linalg.norm(force, axis=-1, keepdims=True)
+            if self._held_by_itself:  # of a force that is none, the lean with which moves agree
+                size = np.hypot(size, _NONE * float(np.linalg.norm(u)))
+            found += c * np.divide(force, size, out=np.zeros_like(force), where=size > 0.0) @ T.T
+        return found
 
     def leans(self, direction: Sequence[float] | Array) -> dict[str, float]:
         """What each loose place adds to the reach along one direction (6,), largest first."""
@@ -153,19 +153,23 @@ class Play:
         return table(head, "along|to each side|unit|mostly by", rows, (6,), last_is_text=True)
 
     def _longest(self, part: slice) -> tuple[float, Array]:
-        k = np.arange(_DIRECTIONS) + 0.5
-        z = 1.0 - 2.0 * k / _DIRECTIONS
+        # overconstrained, each place is a programme of its own
+        count, starts, climbs = (
+            (60, 4, 8) if self._held_by_itself else (_DIRECTIONS, 2 * _DIRECTIONS, _CLIMBS)
+        )
+        k = np.arange(count) + 0.5
+        z = 1.0 - 2.0 * k / count
         around = np.sqrt(1.0 - z**2)
         sphere = np.stack([around * np.cos(_EVEN * k), around * np.sin(_EVEN * k), z], axis=1)
-        turn = 2.0 * np.pi * (k - 0.5) / _DIRECTIONS
+        turn = 2.0 * np.pi * (k - 0.5) / count
         flat = np.stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))], axis=1)
-        u = np.zeros((2 * _DIRECTIONS, 6))
+        u = np.zeros((2 * count, 6))
         u[:, part] = np.concatenate([sphere, flat])
         size = self.reach(u)
         if not np.all(np.isfinite(size)):
             return float("inf"), u[int(np.argmax(size)), part]
-        u = u[np.argsort(-size)[:_CLIMBS]] if self.agree[0].shape[0] else u
-        for _ in range(_CLIMBS):  # h is convex: the place that is farthest along u is no nearer
+        u = u[np.argsort(-size)[:starts]]
+        for _ in range(climbs):  # h is convex: the place that is farthest along u is no nearer
             x = self.where(u)[:, part]
             length = np.linalg.norm(x, axis=1, keepdims=True)
             u[:, part] = np.where(length > 0.0, x / np.maximum(length, 1e-300), u[:, part])
@@ -173,11 +177,15 @@ class Play:
         best = int(np.argmax(size))
         return float(size[best]), u[best, part]
 
+    @property
+    def _held_by_itself(self) -> int:
+        return int(self.agree[0].shape[0]) if self.agree else 0
+
     def _forces(self, u: Array) -> list[Array]:
         """T_j' u + S_j' s of each place, with the s that makes their sum least."""
         forces = [u @ T for T in self.moves]
-        k = self.agree[0].shape[0] if self.agree else 0
-        if not k:
+        k = self._held_by_itself
+        if not k or not np.any(np.concatenate(forces, axis=-1)):
             return forces
         if u.ndim > 1:
             each = [self._forces(one) for one in u.reshape(-1, 6)]
@@ -186,18 +194,18 @@ class Play:
         # Weiszfeld's rounds: least squares whose weights are what is sought, over the size
         S, f = np.concatenate(self.agree, axis=1), np.concatenate(forces)
         ends = np.cumsum([T.shape[1] for T in self.moves])[:-1]
-        small = _NOTHING * max(float(np.max(np.abs(f))), 1e-300)
+        small = _NONE * float(np.linalg.norm(u))
         s: Array = np.zeros(k)
         weight = np.ones(len(f))
         for _ in range(_ROUNDS):
             root = np.sqrt(weight)
-            new: Array = np.linalg.lstsq((S * root).T, -root * f, rcond=None)[0]
+            new = np.asarray(np.linalg.lstsq((S * root).T, -root * f, rcond=None)[0], float)
             parts = np.split(f + new @ S, ends)
             sizes = [np.sqrt(p @ p + small**2) for p in parts]
             weight = np.concatenate(
                 [np.full(len(p), c / n) for c, n, p in zip(self.sizes, sizes, parts, strict=True)]
             )
-            if np.max(np.abs(new - s)) <= 1e-9 * np.max(np.abs(new), initial=1e-300):
+            if np.max(np.abs(new - s)) <= 1e-12 * np.max(np.abs(new), initial=1e-300):
                 break
             s = new
         return parts

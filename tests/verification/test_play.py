@@ -122,9 +122,7 @@ def test_a_bar_on_three_equal_cranks_needs_its_pins_to_agree(tmp_path: Path) -> 
         Body("bar", "tip_0", "revolute", mass=1.0, com=(0.3, 0, 0)),
         *(Body(f"seat_{k}", "bar", xyz=(0.3 * k, 0, 0)) for k in (1, 2)),
     ]
-    loops = ", ".join(
-        f"p{k}: {{kind: planar, between: [tip_{k}, seat_{k}]}}" for k in (1, 2)
-    )
+    loops = ", ".join(f"p{k}: {{kind: planar, between: [tip_{k}, seat_{k}]}}" for k in (1, 2))
     robot = load(tmp_path, [*legs, *bar], f"""
 actuated: [leg_0_joint]
 loops: {{{loops}}}
@@ -137,6 +135,8 @@ platform: seat_1
     assert x == pytest.approx(2 * C, rel=1e-6)
     assert y == pytest.approx(2 * C, rel=1e-6)
     assert turn == pytest.approx(4 * C / 0.6, rel=1e-6)
+    # 2 c (cos a, (1 + sin a) / 2), the first leg leaning to a and the third up: sin a = 1/3.
+    assert found.farthest[0] == pytest.approx(4 / np.sqrt(3) * C, rel=1e-6)
 
 
 def test_backlash_moves_the_arm_and_clearance_needs_a_pin(tmp_path: Path) -> None:
