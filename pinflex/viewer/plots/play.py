@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _ALONG = ("x", "y", "z")
 _ROOM = 0.42  # of the distance between poses that the largest outline reaches to each side
+_HIGH, _LOW = 0.8 * WIDTH, 0.45 * WIDTH  # [in], of a map and of a curve
 _UNITS = ((1.0, "m"), (1e3, "mm"), (1e6, "um"), (1e9, "nm"))
 
 
@@ -30,7 +31,8 @@ def axes_of_play(play: Play, along: tuple[str, str], ax: Axes | None = None) -> 
 
 def axes_of_plays(plays: PlayMap, ax: Axes | None = None) -> Any:
     """Axes of a map of plays."""
-    return Drawing(None, {"play": lambda on: _draw(on, plays)}).axes(None, ax)
+    height = _HIGH if _wide(plays)[1:] else _LOW
+    return Drawing(None, {"play": lambda on: _draw(on, plays)}, height).axes(None, ax)
 
 
 def save_plays(plays: PlayMap, path: str | Path) -> Path:
@@ -42,7 +44,7 @@ def save_plays(plays: PlayMap, path: str | Path) -> Path:
 
 
 def _figure(plays: PlayMap) -> Figure:
-    figure, axes = panels(1, 1, 0.8 * WIDTH if _wide(plays)[1:] else 0.45 * WIDTH, None)
+    figure, axes = panels(1, 1, _HIGH if _wide(plays)[1:] else _LOW, None)
     _draw(axes[0, 0], plays)
     title(axes[0, 0], f"{plays.name}: play of the platform, motors still")
     return figure
@@ -120,10 +122,7 @@ def _map(ax: Axes, x: list[Array], each: Any, far: Array, of: tuple[float, str])
     bar.set_label(f"longest way to a side [{of[1]}]", fontsize=9)
     bar.ax.tick_params(width=0.6, labelsize=7)
     bar.outline.set_visible(False)
-    ax.text(
-        0.0, -0.13, f"outlines in x-y, {_round(larger)} times larger", transform=ax.transAxes,
-        fontsize=8, color="0.4",
-    )  # fmt: skip
+    ax.set_xlabel(f"{ax.get_xlabel()}; outlines in x-y {_round(larger)} times larger")
 
 
 def _unit(size: float) -> tuple[float, str]:
