@@ -39,7 +39,7 @@ from pinflex.description.blocks.joints import (
 )
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
-from pinflex.description.loops import Loop, read_loops
+from pinflex.description.loops import Loop, read_loops, resists
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.robots import urdf
@@ -413,6 +413,10 @@ def _describe(
         }
         tree = sources.find(named, folder, place["urdf"], arguments)
     block, tree, text = _written_out(block, text, file, tree)
+    if _resisting(block):
+        from pinflex.description.blocks.bushing import yielding  # late: few scenes have any
+
+        block, tree = yielding(block, place["loops"], tree)
     values = schema.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
@@ -469,7 +473,14 @@ def _payload(value: object, where: str, tree: Source) -> Payload | None:
 
 def _robot(raw: Mapping[str, Any]) -> str:
     """What says which robot it is."""
-    return f"{raw.get('urdf')} {raw.get('xacro_args')}"
+    return f"{raw.get('urdf')} {raw.get('xacro_args')}{_resisting(raw) or ''}"
+
+
+def _resisting(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Loops that become joints of the tree (`pinflex.description.blocks.bushing`)."""
+    loops = raw.get("loops")
+    named = loops.items() if isinstance(loops, dict) else ()
+    return {name: spec for name, spec in named if isinstance(spec, dict) and resists(spec)}
 
 
 def _argument(value: object, where: str) -> str:
