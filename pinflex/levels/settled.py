@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.errors import DescriptionError
 from pinflex.linalg import null_space, saddle_matrix
+from pinflex.mechanics.evaluation.compiled import serves
 
 if TYPE_CHECKING:
     from pinflex.levels.quasistatic import Equilibrium
@@ -48,6 +50,13 @@ def settle(
 
     `at` gives the forces at a pose, and how open the closures are there; `left`: see `_Newton`.
     """
+    pieces = (piece for row in dynamics.system.kinks.rows for piece in row.pieces)
+    if any(piece.power != 1.0 for piece in pieces) and not serves(dynamics.system, True):
+        raise DescriptionError(
+            "equilibrium: pins with clearance need the compiled kernel, whose tangents see "
+            "contacts: those of the plain equations are differences wider than a hole. Switch it "
+            "on, or leave `clearance` out."
+        )
     now, c = at(y, lam, 0)
     if not np.any(now.r[free] - left) and np.max(np.abs(c), initial=0.0) < 1e-12:
         return now

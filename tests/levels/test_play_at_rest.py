@@ -91,3 +91,13 @@ def test_a_loaded_platform_leans_to_the_end_of_its_play() -> None:
     assert moved @ [0.6, -0.8, 0] == pytest.approx(
         float(pf.play(loose).reach([0.6, -0.8, 0, 0, 0, 0])), rel=0.03
     )
+
+
+def test_a_robot_without_free_coordinates_is_balanced_in_silence(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Rigid links, every joint a motor: quasistatic is rigid, and LAPACK says nothing."""
+    robot = pf.load("ur5", ["flexible={}"])
+    still, rigid = (pf.solve(robot, level=x, samples=41) for x in ("quasistatic", "rigid"))
+    np.testing.assert_allclose(still.torque, rigid.torque, rtol=1e-12, atol=1e-11)
+    assert capfd.readouterr() == ("", "")

@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import minimize
 
 import pinflex as pf
+from pinflex.__main__ import main
 from pinflex.arrays import Array
 from pinflex.results.play import Play
 from pinflex.studies.pose import moved
@@ -161,3 +162,12 @@ def test_the_map_has_the_play_of_each_pose() -> None:
     ax, _ = found.plot()
     assert len(ax.collections[0].get_paths()) == 4
     assert len(one.outline()) == len(one.plot().patches[0].get_xy()) - 1
+
+
+def test_the_command_line_maps_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "play.png"
+    given = ["map", "3rrr", "--play", "50um", "--grid", "x=0:.02:2", "--plot", str(figure)]
+    assert main(given) == 0
+    said = capsys.readouterr().out
+    assert "play.turn" in said and "2 cases, 2 done" in said
+    assert figure.stat().st_size > 1000
