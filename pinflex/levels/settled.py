@@ -25,10 +25,10 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
 from pinflex.linalg import null_space, saddle_matrix
 from pinflex.mechanics.evaluation.compiled import serves
+from pinflex.mechanics.evaluation.equations import Equations
 
 if TYPE_CHECKING:
     from pinflex.levels.quasistatic import Equilibrium
-    from pinflex.mechanics.evaluation.equations import Equations
 
 _STEPS = 400
 _TURNED = 0.5  # of the force along a step, at its end against it: beyond that it went too far
@@ -104,6 +104,17 @@ def loose_directions(dynamics: Equations, found: Equilibrium, free: IntArray, t:
     held = root @ (Z.T @ (0.5 * (K + K.T)[np.ix_(free, free)]) @ Z) @ root.T
     values = np.abs(np.linalg.eigvalsh(held))
     return int(np.sum(values <= _LOOSE * np.max(values, initial=0.0)))
+
+
+def beyond(dynamics: Equations, y: Array) -> tuple[str, ...]:
+    """Names of rigid stops that y has passed: they give speeds back, and bear no force."""
+    kinks = dynamics.system.kinks
+    compiled = dynamics.compiled or Equations(dynamics.system, marched=True).compiled
+    if not kinks.rigid or compiled is None:
+        return ()
+    x = compiled.evaluator.elongations(y[None])[0]
+    rigid = ((k, row) for k, row in enumerate(kinks.rows) if row.restitution >= 0.0)
+    return tuple(row.name for k, row in rigid if kinks.piece(k, x[k]) != row.free)
 
 
 def _masses(dynamics: Equations, y: Array, free: IntArray) -> Array:

@@ -145,6 +145,14 @@ def _static_start(
         if auto:
             return replace(straight, said=_shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
+    if system.kinks.rigid:
+        from pinflex.levels.settled import beyond
+
+        if passed := beyond(at, found.y):
+            why = f"{', '.join(passed)} gives speeds back and bears no force"
+            if auto:
+                return replace(straight, said=_shaken(why))
+            raise _no_equilibrium(f"{where}: {why}: give it `stiffness`.")
     if not unstable_directions(at, found.y, found.v, found.a, found.lam, t, free):
         return Start(found.y, found.v, "static")
     if auto:

@@ -136,10 +136,15 @@ class Mechanism:
 
     @cached_property
     def standing(self) -> System:
-        """The flexible mechanism at rest: pins that have clearance are held by contact."""
-        if all(loop.clearance is None for loop in self.description.loops):
+        """The flexible mechanism at rest: pins that have clearance are held by contact.
+
+        Rigid stops, which only bounce, resist there.
+        """
+        ideal = all(loop.clearance is None for loop in self.description.loops)
+        if ideal and not self.flexible.kinks.rigid:
             return self.flexible
-        return replace(self.loose, held=self.flexible.held)
+        system = self.loose
+        return replace(system, held=self.flexible.held, kinks=system.kinks.stiff)
 
     @property
     def motors(self) -> tuple[str, ...]:

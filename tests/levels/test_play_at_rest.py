@@ -101,3 +101,17 @@ def test_a_robot_without_free_coordinates_is_balanced_in_silence(
     still, rigid = (pf.solve(robot, level=x, samples=41) for x in ("quasistatic", "rigid"))
     np.testing.assert_allclose(still.torque, rigid.torque, rtol=1e-12, atol=1e-11)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_rigid_stop_holds_at_rest_and_starts_no_run(tmp_path: Path) -> None:
+    """A pendulum that lies on a stop: the stop's place, and m g l cos(a) / 1e9 beyond it."""
+    arm = [Body("arm", "base", "revolute", mass=1.0, com=(0.2, 0, 0))]
+    robot = load(tmp_path, arm, """gravity: [0, -9.81, 0]
+actuated: []
+joints: {arm_joint: {stops: {lower: -0.3, restitution: 0.5}}}
+solve: {level: coupled, start: static, until: 0.1}
+""")  # fmt: skip
+    at = pf.static_equilibrium(robot, free_motors=True)
+    assert at.y[0] == pytest.approx(-0.3 - 0.2 * G * np.cos(0.3) / 1e9, abs=1e-15)
+    with pytest.raises(pf.ConvergenceError, match="gives speeds back and bears no force"):
+        pf.solve(robot)
