@@ -108,6 +108,7 @@ if TYPE_CHECKING:
     from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
     from pinflex.studies.many import batch
+    from pinflex.studies.play import play, play_map
     from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.study import Study, compare
@@ -189,6 +190,8 @@ __all__ = [
     "pareto",
     "pid",
     "platform_compliance",
+    "play",
+    "play_map",
     "pose_map",
     "quintic",
     "recompute",
@@ -332,6 +335,7 @@ _HOME = {
         "frequency_response",
     ),
     "studies.many": ("batch",),
+    "studies.play": ("play", "play_map"),
     "studies.pose_map": ("pose_map",),
     "studies.pose": ("platform_compliance",),
     "solver.solve": ("recompute",),

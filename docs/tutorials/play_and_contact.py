@@ -75,14 +75,16 @@ axes.legend(frameon=False);
 #
 # ## Pins with clearance
 #
-# The three pins of the planar 3-RRR, 5 mm thick, get 50 um of clearance. `pin_1` is a joint of the
-# tree: it is cut and closed again as a loop. The links see the blows.
+# The three pins of the planar 3-RRR, 5 mm thick, get 50 um of clearance, and start in the middle of
+# their holes. `pin_1` is a joint of the tree: it is cut and closed again as a loop. The links see
+# the blows. (Without `start` the pins begin where the motion presses them against their holes, and
+# there are fewer.)
 
 # %%
 pins = ["joints.pin_1={clearance: 50 um, pin: 5 mm}"]
 pins += [f"loops.pin_{k}.{key}" for k in (2, 3) for key in ("clearance=50 um", "pin=5 mm")]
 ideal = pf.solve(pf.load("3rrr"), tol=1e-3, until=0.05, samples=501)
-run = pf.solve(pf.load("3rrr", pins), tol=1e-3, until=0.05, samples=501)
+run = pf.solve(pf.load("3rrr", pins), tol=1e-3, until=0.05, samples=501, start="straight")
 for name, each in (("ideal", ideal), ("loose", run)):
     print(f"{name} pins: peak torque {np.abs(each.torque).max():.1f} N m")
 print(len(run.events), "contacts and releases; energy accounted for to", run.meta["energy_balance"])
@@ -145,3 +147,43 @@ for name, apart in rows:
 # `springs: {cable: {between: [A, B], stiffness: 1e5, length: 0.4, tension_only: true}}` pulls and
 # never pushes; `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness is a spring by
 # points (elongation, pull), and `joints: {NAME: {table: ...}}` the same in a joint.
+#
+# ## How far a platform is loose
+#
+# Before anything moves: where can the platform be while its motors stand still? `pf.play` tells
+# it to first order, for pins with clearance, balls and gears with backlash. Here every pin of the
+# 3-RRR, nine of them, has 50 um.
+
+# %%
+found = pf.play("3rrr", clearance="50 um")
+print(found)
+far, turn = found.farthest[0], found.largest_turn[0]
+print(f"farthest: {1e6 * far:.0f} um, turned by {1e3 * turn:.2f} mrad")
+
+# %% [markdown]
+# Each pin adds its clearance times the force that a load of one newton along that direction makes
+# in it. So the play is largest where a machine is weakest, near its singular poses. Over the
+# workspace (`pinflex map 3rrr --play 50um --grid x=-.06:.06:7 --grid y=-.06:.06:7 --plot
+# play.png` draws the same):
+
+# %%
+grid = {"x": np.linspace(-0.06, 0.06, 7), "y": np.linspace(-0.06, 0.06, 7)}
+pf.play_map("3rrr", grid, clearance="50 um").plot();
+
+# %% [markdown]
+# ## Where it lies
+#
+# A load takes the play up: level quasistatic and the equilibria behind modes and `start: static`
+# find where. Under 30 N in their plane the two loose pins let the platform down by its play along
+# the load, beside the sag of the links. Where nothing pushes, pins stay in the middle and the run
+# says so; `pinflex check` names them.
+
+# %%
+hold, weight = pf.hold(duration=0.1), ["forces.weight={at: platform, force: [0, -30, 0]}"]
+ideal, low = (
+    pf.solve(pf.load("3rrr", [*weight, *some]), hold, level="quasistatic", samples=2)
+    for some in ([], pins)
+)
+down = ideal.frame("platform").position[0] - low.frame("platform").position[0]
+reach = pf.play(pf.load("3rrr", pins)).reach([0, -1, 0, 0, 0, 0])
+print(f"let down by {1e6 * down[1]:.1f} um; its play that way is {1e6 * reach:.1f} um")

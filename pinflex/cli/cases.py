@@ -73,6 +73,8 @@ def run_map(args: argparse.Namespace) -> int:
     grid, where = parsed(args.grid, "--grid"), values(args)
     if "instants" in where:
         where["along"] = default_motion(mechanism)
+    if args.play is not None:
+        return _play(args, mechanism, {"grid": grid} | where, out, options)
     with CaseBar("map", options) as bar:
         poses = pf.pose_map(mechanism, grid=grid, **where, **options, progress=bar)
     figures = [] if args.plot is None else [save_map(poses, args.plot)]
@@ -83,6 +85,30 @@ def run_map(args: argparse.Namespace) -> int:
             "--grid x=-.05:.05:9, or --instants 41 for poses of the motion."
         )
     return _answer(args, poses.table, _map_report(poses), bar, notes, out, figures)
+
+
+def _play(
+    args: argparse.Namespace,
+    mechanism: pf.Mechanism,
+    where: Mapping[str, Any],
+    out: Path | None,
+    options: Mapping[str, Any],
+) -> int:
+    """The play of the platform over a grid of poses: table and figure."""
+    from pinflex.viewer.plots.play import save_plays
+
+    poses = {key: where[key] for key in ("grid", "along", "instants") if key in where}
+    with CaseBar("map", {**options, "jobs": 1, "scheduler": None}) as bar:
+        plays = pf.play_map(mechanism, **poses, clearance=args.play or None, progress=bar)
+    figures = [] if args.plot is None else [save_plays(plays, args.plot)]
+    found = plays.plays.reshape(-1)
+    alone = len(found) == 1 and found[0] is not None
+    screen = Report("play", (found[0].as_table() if alone else ranges(plays.table),))
+    notes = [
+        "play is the longest way of the platform's origin to a side, play.x that along x with the "
+        "other displacements free; links rigid, axes of pins parallel, to first order."
+    ]
+    return _answer(args, plays.table, screen, bar, notes, out, figures)
 
 
 def _random(args: argparse.Namespace) -> int:

@@ -335,6 +335,11 @@ locked: K_xx (others held) and 1/C_xx (others free); rigid where nothing gives w
         "count",
         PRELOAD,
         "free_motors",
+        option(
+            "--play", nargs="?", const="", metavar="CLEARANCE",
+            help="instead, where the platform can be without motors moving: the clearance of loops "
+            "and the backlash of drives, or this clearance (50um) in every pin and ball",
+        ),
         option("--plot", metavar="FILE.png", help="write a figure (.png, .pdf, .svg)"),
         *TABLE,
     ),

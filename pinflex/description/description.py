@@ -17,6 +17,7 @@ import yaml
 from pinflex.description import sources
 from pinflex.description.blocks import curved, flexible
 from pinflex.description.blocks.control import Control, read_control
+from pinflex.description.blocks.drives import SHARE, Tension, read_share
 from pinflex.description.blocks.external import (
     AddedMass,
     FrameForce,
@@ -38,7 +39,7 @@ from pinflex.description.blocks.joints import (
 )
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
-from pinflex.description.loops import Loop, read_loops
+from pinflex.description.loops import Loop, read_loops, resists
 from pinflex.description.motions import motion
 from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
@@ -255,7 +256,8 @@ class Description:
         joints: What the YAML adds to joints, by joint name; do not change it.
         couplings: Joints that follow others.
         actuated: Joints with a motor.
-        share: How level rigid shares forces among more motors than freedoms: least.
+        share: How level rigid shares forces among more motors than freedoms: least, or
+            those that pull.
         loops: Closures.
         idle: held or free: what becomes of freedoms that nothing hangs on.
         forces: Loads at frames.
@@ -292,7 +294,7 @@ class Description:
     joints: dict[str, JointExtra] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     actuated: tuple[str, ...] = ()
-    share: str = schema.word("least", ("least",))
+    share: str | Tension = schema.key("least", read_share, form=SHARE)
     loops: tuple[Loop, ...] = ()
     idle: str = schema.word("held", ("held", "free"))
     forces: tuple[FrameForce, ...] = ()
@@ -425,6 +427,10 @@ def _describe(
         from pinflex.description.robots.cut_joints import cut
 
         block, tree = cut(block, tree, file)
+    if _resisting(block):
+        from pinflex.description.blocks.bushing import yielding  # late: few scenes have any
+
+        block, tree = yielding(block, place["loops"], tree)
     values = schema.read(Description, block, place)
     joints = read_joints(block.get("joints", {}), place["joints"], tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
@@ -479,7 +485,14 @@ def _payload(value: object, where: str, tree: Source) -> Payload | None:
 
 def _robot(raw: Mapping[str, Any]) -> str:
     """What says which robot it is."""
-    return f"{raw.get('urdf')} {raw.get('xacro_args')}"
+    return f"{raw.get('urdf')} {raw.get('xacro_args')}{_resisting(raw) or ''}"
+
+
+def _resisting(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Loops that become joints of the tree (`pinflex.description.blocks.bushing`)."""
+    loops = raw.get("loops")
+    named = loops.items() if isinstance(loops, dict) else ()
+    return {name: spec for name, spec in named if isinstance(spec, dict) and resists(spec)}
 
 
 def _argument(value: object, where: str) -> str:

@@ -154,6 +154,20 @@ class Loop:
     at: Vec3 | None = None
 
 
+RESIST = ("stiffness", "damping", "friction", "rest")  # keys of joints that resist
+BUSHING = "bushing"
+
+
+def resists(spec: Mapping[str, Any]) -> bool:
+    """Whether a loop becomes joints of the tree; pins with clearance have a friction of their own.
+
+    See `pinflex.description.blocks.bushing`.
+    """
+    if spec.get("kind") == BUSHING:
+        return True
+    return spec.get("clearance") is None and any(spec.get(key) is not None for key in RESIST)
+
+
 def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
     """The block `loops`, in file order."""
     return tuple(

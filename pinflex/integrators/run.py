@@ -27,7 +27,7 @@ class Settings(TypedDict, total=False):
     start: Where it started: straight, static, ... drive: "prescribed" or "torque".
     tol: Tolerance. error: Estimated error by output. judged: By what.
     events: Contacts. clearances: Of pins, by name [m].
-    statistics: Of runs that part, by motor.
+    statistics: Of runs that part, by motor. share: Multipliers of shared torques.
     """
 
     integrator: str
@@ -46,6 +46,7 @@ class Settings(TypedDict, total=False):
     events: list[dict[str, Any]]
     clearances: dict[str, float]
     statistics: dict[str, Any]
+    share: dict[str, Any]
 
 
 @dataclass(frozen=True)

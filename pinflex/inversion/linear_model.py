@@ -155,7 +155,8 @@ def linearise(
         raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
     system = mechanism.flexible.sliding
     dynamics = Equations(system)
-    found, still = rest(mechanism, q), np.zeros(system.nv)
+    found = rest(mechanism, q, dynamics=Equations(mechanism.flexible))
+    still = np.zeros(system.nv)
     M, C, K, J = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     driven = motors == "acceleration"
     free = system.free if driven else system.unheld

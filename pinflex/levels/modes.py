@@ -148,7 +148,8 @@ def modes(
     """
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
         raise DescriptionError(f"modes: count: {count!r:.80}. Give a whole number.")
-    system = mechanism.flexible
+    about_rest = at is None and preload != "none"
+    system = mechanism.standing if about_rest else mechanism.flexible
     dynamics = Equations(system)
     if at is not None:
         if q is not None:

@@ -20,7 +20,7 @@ from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.system import System
-from pinflex.text import brief
+from pinflex.text import brief, plural
 from pinflex.threads import one_blas_thread
 
 # Loads without a potential: followers, and moments that keep their direction in space.
@@ -163,7 +163,12 @@ class _Newton:
         """One run on r = left in the free rows; None when it does not converge.
 
         Where links move, it first takes their rates for constant, and sees whether that is enough.
+        Where play lets something go, it falls and comes to rest (`pinflex.levels.settled`).
         """
+        if self.dynamics.system.kinks.rows:
+            from pinflex.levels.settled import settle
+
+            return settle(self.dynamics, self.at, y, lam, self.free, self.t, left)
         for links in (None, self.links) if self.links is not None else (None,):
             try:
                 found = self._run(y, lam, left, links)
@@ -243,8 +248,8 @@ def rest(
     dynamics: Equations | None = None,
 ) -> Equilibrium:
     """`static_equilibrium` for those who look at `unstable` themselves, on their workspace."""
-    dynamics = dynamics or Equations(mechanism.flexible)
-    system = mechanism.flexible
+    dynamics = dynamics or Equations(mechanism.standing)
+    system = dynamics.system
     free = np.arange(system.nv) if free_motors else system.free
     still = np.zeros(system.nv)
     where = f"{mechanism.name}: static equilibrium"
@@ -319,7 +324,7 @@ def solve_quasistatic(
     Raises:
         ConvergenceError: With `.result` up to the last balanced instant.
     """
-    path, system = nominal(mechanism, motion, t), mechanism.flexible
+    path, system = nominal(mechanism, motion, t), mechanism.standing
     dynamics = Equations(system)
     nt, m, free = len(path.t), int(system.rigid.nv), system.free
     y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
@@ -329,6 +334,7 @@ def solve_quasistatic(
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
     last: Equilibrium | None = None
+    loose, unstable = 0, False
     looks, said = set(np.linspace(0, nt - 1, STABILITY_SAMPLES).astype(int).tolist()), list[str]()
     for k in range(nt):
         flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
@@ -358,10 +364,21 @@ def solve_quasistatic(
         last, newton = found, newton + found.iterations
         if (
             k in looks
-            and not said
+            and not unstable
             and unstable_directions(dynamics, y[k], v[k], a[k], lam[k], now, free)
         ):
+            unstable = True
             said.append(unstable_text(f"t = {t[k]:.6g} s: equilibrium"))
+        if k in looks and system.kinks.rows and not loose:
+            from pinflex.levels.settled import loose_directions
+
+            loose = loose_directions(dynamics, found, free, now)
+            if loose:
+                said.append(
+                    f"t = {t[k]:.6g} s: nothing holds what has play in {plural(loose, 'direction')}"
+                    ": there the position is one of many, that of the instant before (at first "
+                    "the middle of the play)."
+                )
         if progress is not None and k % 16 == 0:
             progress(k, nt)
     counts: dict[str, float] = {"steps": nt, "newton": newton}

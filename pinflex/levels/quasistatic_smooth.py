@@ -256,7 +256,8 @@ def solve_equilibria(
         once = solve_quasistatic(mechanism, motion, t[:1])  # nothing differs between instants
         return replace(once.at(np.zeros(len(t), dtype=np.intp)), t=np.asarray(t, float))
     try:
-        if len(t) > 2 * _NODES:
+        smooth = mechanism.standing is mechanism.flexible and len(mechanism.flexible.free)
+        if len(t) > 2 * _NODES and smooth:
             return _smooth(mechanism, motion, t, tol, asked)
     except (_Unclear, ConvergenceError):
         pass  # from instant to instant it is found, or found out what is the matter

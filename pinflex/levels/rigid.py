@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pinflex.actuation.nominal import nominal
 from pinflex.arrays import Array, spans
 from pinflex.boundary import public
+from pinflex.description.blocks.drives import Tension
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
 from pinflex.integrators.run import Run
@@ -48,13 +51,25 @@ def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]
     Returns:
         lam (n, rows), tau (n, nm).
     """
+    lam, torque, _ = _balanced(mechanism, J, r)
+    return lam, torque
+
+
+def _balanced(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array, Array | None]:
+    """The same, and the multipliers of a least tension, shape (n, nm); None where none is asked."""
     passive, motors = mechanism.rigid.free, mechanism.rigid.motors
+    share, price = mechanism.description.share, None
     if not J.shape[1]:
-        return np.zeros((len(r), 0)), r[:, motors]
+        return np.zeros((len(r), 0)), r[:, motors], None
     A, b = J[:, :, passive].swapaxes(1, 2), r[:, passive, None]
     square = A.shape[1] == A.shape[2]
     lam = np.asarray(np.linalg.solve(A, b) if square else _shared(mechanism, J, r), dtype=float)
-    return lam[:, :, 0], r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
+    if isinstance(share, Tension) and not square:
+        from pinflex.levels.sharing import pulled
+
+        lam, price = pulled(mechanism, share, J, r, lam, _compliance(mechanism))
+    torque = r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
+    return lam[:, :, 0], torque, price
 
 
 def _shared(mechanism: Mechanism, J: Array, r: Array) -> Array:
@@ -87,10 +102,18 @@ def sharing(mechanism: Mechanism) -> str:
     motors, mobility = len(mechanism.motors), mechanism.report.mobility
     if motors <= mobility:
         return ""
-    return (
+    count = (
         f"{motors} motors for {mobility} degrees of freedom, redundantly actuated: many torques "
-        "balance. Level rigid takes those with the least sum of torque^2 / stiffness, as stiff "
-        "drives share them (alike where no drive has a stiffness; share: least)."
+    )
+    share = mechanism.description.share
+    if isinstance(share, Tension):
+        return (
+            f"{count}balance. Level rigid takes those that pull by {share.force:g} N or more at "
+            "every strut, and of them those with the least sum of torque^2 / stiffness."
+        )
+    return (
+        f"{count}balance. Level rigid takes those with the least sum of torque^2 / stiffness, as "
+        "stiff drives share them (alike where no drive has a stiffness; share: least)."
     )
 
 
@@ -100,12 +123,24 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     Returns:
         The run, with motor torques and closure multipliers.
     """
+    if isinstance(mechanism.description.share, Tension) and not sharing(mechanism):
+        raise DescriptionError(
+            f"{mechanism.name}: share.tension: {len(mechanism.motors)} motors for "
+            f"{mechanism.report.mobility} degrees of freedom: one balance alone, nothing to "
+            "choose. Remove it, or add struts."
+        )
     path, system = nominal(mechanism, motion, t), mechanism.rigid
     dynamics, n = Equations(system), len(t)
     lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
+    price = np.zeros_like(torque)
     for at in spans(n):
         q, v, a = path.q[at], path.v[at], path.a[at]
         r = dynamics.open(q, v, a, path.t[at])
-        lam[at], torque[at] = multipliers(mechanism, dynamics.close(q).J, r)
+        lam[at], torque[at], held = _balanced(mechanism, dynamics.close(q).J, r)
+        price[at] = 0.0 if held is None else held
     said = tuple(filter(None, [sharing(mechanism)]))
-    return Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n}, warnings=said)
+    run = Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n}, warnings=said)
+    if not isinstance(mechanism.description.share, Tension):
+        return run
+    told = {name: price[:, k].tolist() for k, name in enumerate(mechanism.motors)}
+    return replace(run, settings={"share": {"multipliers [N]": told}})

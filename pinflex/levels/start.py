@@ -36,8 +36,9 @@ from pinflex.text import brief
 _PATIENCE = 120
 
 _CENTRED = (
-    "starts with undeformed links and every pin that has clearance in the middle of its hole: the "
-    "first blows are those of that start. Write start: straight where this is meant."
+    "starts with undeformed links and every pin that has clearance in the middle of its hole: no "
+    "equilibrium is sought, and the first blows are those of that start. Write start: static, or "
+    "start: straight where this is meant."
 )
 _STILL = 1e-9  # [m/s^2] of the heaviest coordinate: round-off of gravity across a plane is 1e-15
 
@@ -109,9 +110,9 @@ def start_of(
     y, v = straight_start(mechanism, motion, path, dynamics)
     if dynamics.system is mechanism.rigid and start == "auto":
         return Start(y, v, "straight")
-    if any(loop.clearance is not None for loop in mechanism.description.loops):
-        return Start(y, v, "straight", _CENTRED if start != "straight" else "")
     static, why = in_equilibrium(mechanism, start, y)
+    if not static and start != "straight" and mechanism.standing is not mechanism.flexible:
+        return Start(y, v, "straight", _CENTRED)
     if static and start == "auto" and len(mechanism.idle.base):
         static, why = False, "the base is free"
     if not static:
@@ -144,6 +145,14 @@ def _static_start(
         if auto:
             return replace(straight, said=_shaken("there is no static equilibrium near it"))
         raise _no_equilibrium(str(error), error) from None
+    if system.kinks.rigid:
+        from pinflex.levels.settled import beyond
+
+        if passed := beyond(at, found.y):
+            why = f"{', '.join(passed)} gives speeds back and bears no force"
+            if auto:
+                return replace(straight, said=_shaken(why))
+            raise _no_equilibrium(f"{where}: {why}: give it `stiffness`.")
     if not unstable_directions(at, found.y, found.v, found.a, found.lam, t, free):
         return Start(found.y, found.v, "static")
     if auto:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 FROM = -1e300  # where first pieces begin
 RINGS = 1e5  # rad/s: of what rests on a rigid stop
+_RIGID = 1e9  # N/m or N m/rad, of rigid stops at rest
 
 
 class Piece(NamedTuple):
@@ -96,6 +97,13 @@ class Kinks:
         return any(row.restitution >= 0.0 for row in self.rows)
 
     @property
+    def stiff(self) -> Kinks:
+        """The same with springs, very stiff, in place of stops that give speeds back at once."""
+        if not self.rigid:
+            return self
+        return made([row if row.restitution < 0.0 else _stiff(row) for row in self.rows])
+
+    @property
     def pins(self) -> bool:
         """Whether there are pins with clearance."""
         return any(row.gap is not None for row in self.rows)
@@ -149,6 +157,18 @@ class Kinks:
             "kink_start": [piece.start for row in self.rows for piece in row.pieces],
             "kink_piece": np.array(numbers, dtype=float).reshape(-1, 7),
         }  # fmt: skip
+
+
+def _stiff(row: Row) -> Row:
+    """A rigid stop as a spring beyond the ends of its free piece."""
+    ends = row.pieces[row.free].start, *(p.start for p in row.pieces[row.free + 1 :])
+    pieces = [
+        piece
+        if k == row.free
+        else piece._replace(stiffness=_RIGID, place=ends[0] if k < row.free else piece.start)
+        for k, piece in enumerate(row.pieces)
+    ]
+    return row._replace(pieces=tuple(pieces), restitution=-1.0)
 
 
 def made(rows: Sequence[Row]) -> Kinks:

@@ -133,6 +133,18 @@ class Mechanism:
         held = np.setdiff1d(system.held, let_go).astype(np.intp)
         return replace(system, held=held)
 
+    @cached_property
+    def standing(self) -> System:
+        """The flexible mechanism at rest: pins that have clearance are held by contact.
+
+        Rigid stops, which only bounce, resist there.
+        """
+        ideal = all(loop.clearance is None for loop in self.description.loops)
+        if ideal and not self.flexible.kinks.rigid:
+            return self.flexible
+        system = self.loose
+        return replace(system, held=self.flexible.held, kinks=system.kinks.stiff)
+
     @property
     def motors(self) -> tuple[str, ...]:
         """Names of the motor coordinates, in torque order."""

@@ -258,7 +258,7 @@ def platform_compliance(
         raise DescriptionError(
             f"{mechanism.name}: stiffness needs the frame it is of. Write `platform: FRAME`."
         )
-    dynamics = Equations(mechanism.flexible)
+    dynamics = Equations(mechanism.flexible if preload == "none" else mechanism.standing)
     y, K = linearised(mechanism, dynamics, q, preload)
     free = mechanism.flexible.free
     Z = allowed_motions(dynamics, y, free)

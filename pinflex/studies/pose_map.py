@@ -81,7 +81,7 @@ def pose_map(
     if along is not None and grid:
         raise DescriptionError(f"{mechanism.name}: map: a grid and a motion. Give one of them.")
     axes, cases = (
-        _grid(mechanism, grid or {}) if along is None else _instants(mechanism, along, instants)
+        _grid(mechanism, grid or {}) if along is None else instants_of(mechanism, along, instants)
     )
     preload = preload if is_loaded(mechanism) else "none"
     named = keys(description, cases, "map", count, preload, free_motors, stiffness)
@@ -111,7 +111,15 @@ def _grid(mechanism: Mechanism, grid: Mapping[str, object]) -> tuple[dict[str, A
     return axes, [{"by": case} for case in cases]
 
 
-def _instants(
+def displacements(
+    mechanism: Mechanism, grid: Mapping[str, object]
+) -> tuple[dict[str, Array], dict[str, str], list[Case]]:
+    """Axes of a grid of displacements, their units, and its poses."""
+    axes, cases = _grid(mechanism, grid)
+    return axes, _units(mechanism, axes), cases
+
+
+def instants_of(
     mechanism: Mechanism, motion: Motion, instants: int
 ) -> tuple[dict[str, Array], list[Case]]:
     """Instants of a motion, and its poses."""

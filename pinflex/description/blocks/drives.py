@@ -23,6 +23,17 @@ from pinflex.text import brief
 
 SPEED = 1e-3  # smoothing speed [rad/s | m/s]: a sticking joint creeps at less
 _STRIBECK = 10.0  # Stribeck speed over the smoothing speed, where none is given
+SHARE: dict[str, Any] = {  # as JSON Schema says it
+    "anyOf": [
+        {"enum": ["least"]},
+        {
+            "type": "object",
+            "properties": {"tension": {"type": "number", "minimum": 0}},
+            "required": ["tension"],
+            "additionalProperties": False,
+        },
+    ]
+}
 KEYS = (
     *("gear", "motor_inertia", "stiffness", "damping"),
     *("friction", "efficiency", "limit_curve", "backlash"),
@@ -86,6 +97,31 @@ class Drive:
     def rotor_inertia(self) -> float:
         """Inertia of the motor, seen at the joint [kg m^2 | kg]."""
         return self.gear**2 * self.motor_inertia
+
+
+@dataclass(frozen=True)
+class Tension:
+    """Torques of more motors than freedoms that pull at every strut.
+
+    Attributes:
+        force: By this at least [N].
+    """
+
+    force: float
+
+
+def read_share(value: object, where: str) -> str | Tension:
+    """How more motors than freedoms share: `least`, or a least tension."""
+    if isinstance(value, dict):
+        key = schema.at(where, "tension")
+        block = schema.mapping(value, where, ("tension",), ("tension",))
+        return Tension(schema.number(block["tension"], key, low=0, of="force"))
+    if value != "least":
+        raise DescriptionError(
+            f"{where}: {schema.shown(value)} is not known. Allowed: least, {{tension: FORCE}} with "
+            "the least pull of every strut in N."
+        )
+    return "least"
 
 
 def read_friction(value: object, where: str) -> Friction:

@@ -37,7 +37,9 @@ def json_schema() -> Form:
         "joints": _named(_joint()),
         "actuated": _NAMES,
         "loops": _named(_block(_of_record(loops.Loop) | {
-            "kind": {"enum": [*loops.LOOP_KINDS]}, "between": _PAIR, "at": _place()})),
+            "kind": {"enum": [*loops.LOOP_KINDS, loops.BUSHING]}, "between": _PAIR,
+            "at": _place(), "stiffness": {}, "damping": {}, "friction": _friction(),
+            "rest": {}})),
         "home": _named({"anyOf": [_MEASURE, {"type": "array", "items": _MEASURE,
                                              "maxItems": max(map(max, filter(None, _SIZES)))}]}),
         "platform": _TEXT,

@@ -8,7 +8,9 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.description.description import Description
 from pinflex.description.files import Source
 from pinflex.description.robots.urdf import Limits, limits
+from pinflex.errors import SceneError
 from pinflex.levels.modes import default_motion
+from pinflex.levels.quasistatic import rest
 from pinflex.levels.rigid import sharing
 from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations
@@ -133,6 +135,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
     description = mechanism.description
     return (
         *_freedom_warnings(mechanism),
+        *_loose_at_home(mechanism),
         *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
@@ -205,6 +208,30 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
             "deflections are not small, so level ked is off as well. Trust coupled."
         )
     return found
+
+
+def _loose_at_home(mechanism: Mechanism) -> list[str]:
+    """What bears no force at home under gravity and lasting loads."""
+    system = mechanism.standing
+    if not system.kinks.rows or mechanism.report.mobility > len(mechanism.motors):
+        return []
+    from pinflex.levels.settled import loose_directions, slack
+
+    dynamics = Equations(system, marched=True)
+    try:
+        found = rest(mechanism, dynamics=dynamics)
+    except SceneError:
+        return []  # which is said elsewhere
+    names = slack(dynamics, found.y)
+    if not names:
+        return []
+    free = loose_directions(dynamics, found, system.free, 0.0)
+    more = (
+        f" Nothing holds it in {plural(free, 'direction')} there, in which it stays in the middle."
+        if free
+        else ""
+    )
+    return [f"loose at home under what acts there: {_list(list(names))} bear no force.{more}"]
 
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:

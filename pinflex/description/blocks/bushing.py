@@ -1,0 +1,235 @@
+"""Joints that close a loop and resist: `stiffness`, `damping` and `friction` of a loop, bushings.
+
+A loop of this sort becomes joints of the tree with springs, on massless links behind its first
+frame, and a weld to the second: every level then has them as it has any elastic joint.
+
+A bushing of stiffness K (6, 6), forces by displacements of b in the axes of a, takes a joint for
+each column of A = L^-T, K = L diag(d) L' (Cholesky without roots), since A' K A = diag(d): three
+that slide and three that turn, about axes aside of the frame where K couples turns with
+displacements, and with a slide that follows where such an axis has a pitch. It is linear in turns
+that are small.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pinflex.arrays import Array
+from pinflex.description import sources
+from pinflex.description.blocks import drives
+from pinflex.description.blocks.frames import WORLD, ends
+from pinflex.description.files import Source
+from pinflex.description.loops import BUSHING, RESIST, resists
+from pinflex.description.reading import schema
+from pinflex.errors import DescriptionError
+
+_ONE = ("revolute", "prismatic")  # kinds of one freedom, and types of a URDF
+_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+_MADE = "_yields"  # ends of links made here
+_SYMMETRIC, _NEGATIVE, _PITCH = 1e-9, 1e-12, 1e-12  # of the largest entry
+
+
+def yielding(block: dict[str, Any], where: str, tree: Source) -> tuple[dict[str, Any], Source]:
+    """The YAML and the robot with joints in place of loops that resist."""
+    found = {
+        name: spec
+        for name, spec in (block.get("loops") or {}).items()
+        if isinstance(spec, dict) and resists(spec)
+    }
+    if not found:
+        return block, tree
+    loops, joints = dict(block["loops"]), dict(block.get("joints") or {})
+    root = ET.fromstring(tree.text.strip())
+    built = False
+    for name, spec in found.items():
+        at = schema.at(where, name)
+        a, b = _ends(spec, at, tree)
+        chain, weld = _chain(name, spec, at)
+        for joint in chain:
+            _require_new(joint, joints, tree, at)
+        end = f"{name}{_MADE}_end"
+        if end not in tree.links:
+            _hang(root, a, chain, end)
+            built = True
+        rest = {k: v for k, v in spec.items() if k not in (*RESIST, "kind", "between", "axis")}
+        loops[name] = {"kind": weld, "between": [end, b], **rest}
+        joints |= {joint.name: joint.extra for joint in chain if joint.extra}
+    block = {**block, "loops": loops, "joints": joints}
+    if not built:
+        return block, tree
+    written = sources.read(ET.tostring(root, encoding="unicode"), tree.file, tree.package_dirs)
+    return block, replace(written, notes=tree.notes)
+
+
+class _Joint:
+    """A joint of the chain: name, URDF type, axis, a point on it, and its block of `joints`."""
+
+    def __init__(self, name: str, kind: str, axis: Array, at: Array, extra: dict[str, Any]) -> None:
+        self.name, self.kind, self.axis, self.at, self.extra = name, kind, axis, at, extra
+
+
+def _ends(spec: Mapping[str, Any], where: str, tree: Source) -> tuple[str, str]:
+    """The frames, that of the robot first."""
+    pair = schema.items(spec.get("between"), schema.at(where, "between"), 2)
+    grounded = "at" in spec or (WORLD not in tree.links and WORLD in pair)
+    a, b = ends(pair, schema.at(where, "between"), tree, grounded)
+    return (b, a) if a == WORLD and grounded else (a, b)
+
+
+def _require_new(joint: _Joint, joints: Mapping[str, Any], tree: Source, where: str) -> None:
+    own = f"{joint.name}{_MADE}" in tree.links
+    if joint.name in joints or (joint.name in tree.joints and not own):
+        raise DescriptionError(
+            f"{where}: its joint is called {joint.name}, and there is one of that name. Rename "
+            "the loop."
+        )
+
+
+def _chain(name: str, spec: Mapping[str, Any], where: str) -> tuple[list[_Joint], str]:
+    """The joints of one loop, and the kind of loop that closes behind them."""
+    kind = spec.get("kind")
+    if kind == BUSHING:
+        return _bushing(name, spec, where)
+    if kind not in _ONE:
+        key = next(key for key in RESIST if spec.get(key) is not None)
+        raise DescriptionError(
+            f"{schema.at(where, key)}: has no meaning "
+            f"for the kind {kind}, only for revolute and prismatic (about or along their axis) and "
+            "for bushing. Remove it, or change the kind."
+        )
+    extra: dict[str, Any] = {}
+    words = {"stiffness": "spring", "damping": "damper", "friction": "friction", "rest": "rest"}
+    for key, word in words.items():
+        if spec.get(key) is not None:
+            extra[word] = spec[key]
+    for key in ("stiffness", "damping"):
+        if key in spec:
+            schema.number(spec[key], schema.at(where, key), low=0, of=key)
+    if "friction" in extra:
+        drives.read_friction(extra["friction"], schema.at(where, "friction"))
+    if "rest" in extra and "spring" not in extra:
+        raise DescriptionError(f"{schema.at(where, 'rest')}: there is no spring. Add `stiffness`.")
+    axis = np.array(schema.direction(spec.get("axis", "z"), schema.at(where, "axis")))
+    return [_Joint(name, str(kind), axis, np.zeros(3), extra)], "weld"
+
+
+def _bushing(name: str, spec: Mapping[str, Any], where: str) -> tuple[list[_Joint], str]:
+    at = {key: schema.at(where, key) for key in RESIST}
+    for key in ("friction", "rest", "axis"):
+        if spec.get(key) is not None:
+            raise DescriptionError(
+                f"{schema.at(where, key)}: has no meaning for the kind bushing. Remove it."
+            )
+    if spec.get("stiffness") is None:
+        raise DescriptionError(
+            f"{where}: a bushing without stiffness. Give `stiffness`: 3 numbers [N/m], 6 ([N/m], "
+            "then [N m/rad]) or a 6x6 matrix."
+        )
+    K, size = _matrix(spec["stiffness"], at["stiffness"], "stiffness")
+    D = np.zeros((6, 6))
+    if spec.get("damping") is not None:
+        D, _ = _matrix(spec["damping"], at["damping"], "damping")
+    A, k = _columns(K, at["stiffness"])
+    d = A.T @ D @ A
+    if np.any(np.abs(d - np.diag(np.diag(d))) > _SYMMETRIC * np.max(np.abs(d), initial=0.0)):
+        raise DescriptionError(
+            f"{at['damping']}: couples what the stiffness does not. Give 3 or 6 numbers beside 3 "
+            "or 6, or a 6x6 matrix in proportion to the stiffness."
+        )
+    chain: list[_Joint] = []
+    for i in range(size):
+        one = f"{name}.{_NAMES[i]}"
+        extra: dict[str, Any] = {}
+        if k[i] > 0.0:
+            extra["spring"] = float(k[i])
+        if d[i, i] > 0.0:
+            extra["damper"] = float(d[i, i])
+        chain += _screw(one, A[:, i], extra)
+    return chain, "weld" if size == 6 else "spherical"
+
+
+def _screw(name: str, a: Array, extra: dict[str, Any]) -> list[_Joint]:
+    """One displacement (3) and turn (3) as a joint, with a slide that follows for its pitch."""
+    move, turn = a[:3], a[3:]
+    size = float(np.linalg.norm(turn))
+    if size == 0.0:
+        length = float(np.linalg.norm(move))
+        scaled = {key: value / length**2 for key, value in extra.items()}
+        return [_Joint(name, "prismatic", move / length, np.zeros(3), scaled)]
+    axis = turn / size
+    scaled = {key: value / size**2 for key, value in extra.items()}
+    pitch = float(axis @ move) / size
+    joints = [_Joint(name, "revolute", axis, np.cross(axis, move) / size, scaled)]
+    if abs(pitch) > _PITCH * max(float(np.linalg.norm(move)), 1e-300):
+        follows = {"follows": name, "ratio": pitch}
+        joints.append(_Joint(f"{name}.pitch", "prismatic", axis, np.zeros(3), follows))
+    return joints
+
+
+def _columns(K: Array, where: str) -> tuple[Array, Array]:
+    """A and d of A' K A = diag(d), A upper triangular."""
+    L, d, rest = np.eye(6), np.zeros(6), K.copy()
+    size = np.sqrt(np.maximum(np.diag(K), 0.0))
+    for i in range(6):
+        d[i] = rest[i, i]
+        if d[i] <= _NEGATIVE * size[i] ** 2:
+            d[i] = 0.0
+            scale = np.maximum(size[i] * size, 1e-300)
+            if K[i, i] < 0.0 or np.any(np.abs(rest[i]) > _SYMMETRIC * scale):
+                raise DescriptionError(
+                    f"{where}: pushes by itself: its stiffness is negative in some direction. Give "
+                    "a matrix without negative eigenvalues."
+                )
+            continue
+        L[i:, i] = rest[i:, i] / d[i]
+        rest = rest - d[i] * np.outer(L[:, i], L[:, i])
+    return np.asarray(np.linalg.inv(L).T, float), d
+
+
+def _matrix(value: object, where: str, of: str) -> tuple[Array, int]:
+    """A matrix (6, 6) of 3 or 6 numbers or of rows, and how many directions it holds."""
+    rows = schema.items(value, where)
+    if len(rows) == 6 and any(isinstance(row, list) for row in rows):
+        K = np.array([
+            schema.numbers(row, f"{where}[{i}]", 6) for i, row in enumerate(rows)
+        ], float)  # fmt: skip
+        size = np.sqrt(np.maximum(np.outer(np.diag(K), np.diag(K)), 0.0))
+        if np.any(np.abs(K - K.T) > _SYMMETRIC * np.maximum(size, 1e-300)):
+            raise DescriptionError(f"{where}: is not symmetric. Give K with K = K'.")
+        return 0.5 * (K + K.T), 6
+    if len(rows) not in (3, 6):
+        raise DescriptionError(
+            f"{where}: {len(rows)} numbers. Allowed: 3 [N/m], 6 ([N/m], then [N m/rad]) or 6 rows "
+            "of 6."
+        )
+    values = [schema.number(x, f"{where}[{i}]", low=0, of=of) for i, x in enumerate(rows)]
+    return np.diag([*values, *[0.0] * (6 - len(values))]), len(values)
+
+
+def _hang(root: ET.Element, link: str, chain: list[_Joint], end: str) -> None:
+    """Put the chain behind a link, and `end` behind it, with the place and axes of the link."""
+    at = np.zeros(3)
+    for joint in chain:
+        own = f"{joint.name}{_MADE}"
+        ET.SubElement(root, "link", name=own)
+        new = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
+        ET.SubElement(new, "parent", link=link)
+        ET.SubElement(new, "child", link=own)
+        ET.SubElement(new, "origin", xyz=_text(joint.at - at))
+        ET.SubElement(new, "axis", xyz=_text(joint.axis))
+        ET.SubElement(new, "limit", lower="-1e3", upper="1e3", effort="1e9", velocity="1e9")
+        link, at = own, joint.at
+    ET.SubElement(root, "link", name=end)
+    back = ET.SubElement(root, "joint", name=f"{end}_fixed", type="fixed")
+    ET.SubElement(back, "parent", link=link)
+    ET.SubElement(back, "child", link=end)
+    ET.SubElement(back, "origin", xyz=_text(-at))
+
+
+def _text(point: Array) -> str:
+    return " ".join(f"{x:.17g}" for x in point)
