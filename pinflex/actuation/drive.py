@@ -181,7 +181,7 @@ def _bernstein(coefficients: Array, left: IntArray, x: Array) -> Array:
 
 # Of a step, how far before its end torques are read: a curve bends by the square of it, 1e-8, and
 # tables hold their corners' values within 1e-9 of a run.
-_BESIDE = 1e-4
+_BEFORE_END = 1e-4
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class TorqueDrive:
         error, rate = axes.behind(path.position, y), path.velocity - v[:, axes.v_at]
         forward = np.array(self.forward(path.t))
         if inside:
-            rest = _BESIDE * (path.t[-1] - path.t[0])
+            rest = _BEFORE_END * (path.t[-1] - path.t[0])
             near, far = self.forward(path.t[-1] - rest * np.array([1.0, 2.0]))
             forward[-1] = 2.0 * near - far  # straight on from the two
         return np.asarray(forward + self.kp * error + self.kd * rate)

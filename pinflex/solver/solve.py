@@ -32,7 +32,7 @@ from pinflex.integrators.run import Run
 from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.modes import default_motion as default_motion
 from pinflex.mechanics.assembly import close_loops
-from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.cost import require_samples
 from pinflex.recovery.recover import recover, result_of
@@ -149,7 +149,7 @@ def solve_level(
                 spec = _sampled(mechanism, spec, acting, dt)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
             scene = Scene(mechanism, motion, spec, acting, tolerance, before)
-            struck = blows(motion, end) if _prescribes(spec) else []
+            struck = _struck(mechanism, motion, end) if _prescribes(spec) else []
             run = _run(scene, end, progress)
             run = replace(run, warnings=(*run.warnings, *struck))
         except (ConvergenceError, MotionError, RunInterrupted) as error:
@@ -164,6 +164,17 @@ def solve_level(
             raise
         _require_finite(mechanism, run)
         return result_from(mechanism, motion, run, spec, began)
+
+
+def _struck(mechanism: Mechanism, motion: Motion, end: float) -> list[str]:
+    """What `blows` says, kept with the mechanism: a look at 2001 instants costs 0.3 ms a run."""
+    kept = mechanism.followed.jumps
+    for moved, until, known in kept:
+        if moved is motion and until == end:
+            words: list[str] = known
+            return words
+    Followed.keep(kept, (motion, end, blows(motion, end)), 1)
+    return _struck(mechanism, motion, end)
 
 
 def _prescribes(spec: SolveSpec) -> bool:

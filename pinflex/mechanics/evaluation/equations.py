@@ -66,6 +66,7 @@ class Followed:
         solved: What was solved for them: (motion, nominal).
         paths: Of the motors between two times: (motion, (start, end), function of time).
         starts: Of the flexible mechanism: (motion, how it is asked for, start); never shared.
+        jumps: What is said of its jumps of speed: (motion, end, sentences).
     """
 
     __repr__ = brief
@@ -75,6 +76,7 @@ class Followed:
     solved: list[Any] = field(default_factory=list)
     paths: list[Any] = field(default_factory=list)
     starts: list[Any] = field(default_factory=list)
+    jumps: list[Any] = field(default_factory=list)
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
         return Followed, ()  # found again where it is needed
