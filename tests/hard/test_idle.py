@@ -27,7 +27,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.studies.checking.check import check, write
+from pinflex.studies.checking.check import check
 from tests.scenes import Body, load
 
 # A spatial four-bar: the crank turns about z, the rocker about x; their tips are 0.5 m apart.
@@ -101,7 +101,7 @@ def test_the_spin_of_a_rod_is_found_and_named(tmp_path: Path) -> None:
     m = robot(tmp_path, "ball")
     assert m.idle.names == ("spin of rod",)
     assert (m.report.rows, m.report.rank, m.report.mobility) == (3, 3, 1)
-    text = write(check(m))
+    text = str(check(m))
     assert "mobility  1 = 5 joint coordinates - 3 independent closure rows - 1 idle" in text
     assert "idle      spin of rod: nothing hangs on it" in text
     assert robot(tmp_path, "cross").idle.names == ()
@@ -389,7 +389,7 @@ platform: rocker_end
     # The hinges turn the rod about a line beside the one that they meet on: the rest, of second
     # order, moves by the square of 0.2 mm over a link, or less.
     assert said is not None and float(said[1]) < (2e-4 / CRANK) ** 2
-    assert name in write(check(near))
+    assert name in str(check(near))
     for level in ("rigid", "quasistatic"):
         one, other = (pf.solve(m, MOVE, level=level, samples=11).torque for m in (exact, near))
         # the linkage itself is another: by 0.2 mm of the crank's 0.1 m, 2e-3

@@ -4,6 +4,9 @@ Claims:
     Equations
     - messages of over 300 bad inputs: files, options of `solve`, sections, materials, motions |
       `golden/messages.txt` | text | exact
+    Tolerances, collocation
+    - every run that ends early says why from one list of endings | the sources | none left out |
+      passes
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.studies.checking.check import check, write
+from pinflex.studies.checking.check import check
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -196,7 +196,7 @@ def test_a_gear_with_backlash_against_matrix_exponentials(tmp_path: Path) -> Non
 
 
 def test_check_names_what_has_play(tmp_path: Path) -> None:
-    text = " ".join(write(check(drive(tmp_path, 0.02))).split())
+    text = " ".join(str(check(drive(tmp_path, 0.02))).split())
     assert "the backlash of link_joint acts at level coupled" in text
 
 

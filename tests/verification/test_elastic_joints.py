@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.lab.scene import urdf
-from pinflex.studies.checking.check import check, write
+from pinflex.studies.checking.check import check
 from pinflex.studies.study import study
 from tests.finite import slope
 from tests.scenes import Body, load
@@ -68,7 +68,7 @@ def test_check_shows_sag_and_holding_torque(tmp_path: Path) -> None:
     # A whole turn of the spring's a = m g l / k at the lever l, straight down.
     assert found.statics.linear.position[2] == pytest.approx(-M * G * L / K * L, rel=1e-12)
     assert found.statics.holding_rigid == pytest.approx((-M * G * L,), rel=1e-12)
-    text = write(found)
+    text = str(found)
     assert "mobility  1 = 2 joint coordinates - 1 elastic joint" in text
     assert "; joints arm_joint" in text
 
