@@ -83,9 +83,10 @@ except pf.DescriptionError as error:
 # ## What a step costs
 #
 # A step takes 12 Newton iterations and one new tangent at the most (`iterations`, `tangents`;
-# `every` renews it on a schedule). `pinflex bench ur5 --worst` takes a million of them and tells
-# median, rare ones and the largest beside those of an empty call; here a few, on the machine that
-# built this page.
+# `every` renews it on a schedule); new ones are made ahead of need, evaluated behind one step and
+# factored behind the next. `pinflex bench ur5 --worst` takes a million steps and tells median,
+# rare ones and the largest beside the same arithmetic again and again: what both share is the
+# machine's. Here a few, on the machine that built this page.
 
 # %%
 from pinflex.live.cost import step_cost

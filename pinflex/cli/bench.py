@@ -92,16 +92,28 @@ def _worst(mechanism: Mechanism, args: argparse.Namespace) -> int:
     if args.json:
         print_json(plain(asdict(found)))
         return 0
-    rows = [[f"{share:g} %", number(1e6 * x)] for share, x in found.percentiles.items()]
-    rows += [["largest", number(1e6 * found.largest)]]
-    rows += [["largest of an empty call", number(1e6 * found.empty)]]
+    rows = [
+        [f"{share:g} %", number(1e6 * x), number(1e6 * found.same[share])]
+        for share, x in found.percentiles.items()
+    ]
+    rows += [["largest", number(1e6 * found.largest), number(1e6 * found.same_largest)]]
     title = f"{found.name}: {found.steps} steps of {found.dt:g} s, thread CPU time"
     mean, most = found.iterations
     told = (
         f"Newton iterations of a step: {mean:.1f}, {most} at the most; {found.tangents[0]} new "
-        f"tangents, {found.tangents[1]} of a step at the most."
+        f"tangents, {found.tangents[1]} of a step at the most. Largest of an empty call: "
+        f"{number(1e6 * found.empty)} us."
     )
-    print(table(title, "share of the steps|us", rows, (24,)), paragraph(told), sep="\n\n")
+    if found.left_alone is not None:
+        told += (
+            f" The system took the processor away in {found.preempted} steps; largest of the "
+            f"others: {number(1e6 * found.left_alone)} us. Page faults in steps: {found.faults}."
+        )
+    print(
+        table(title, "share|step us|same arithmetic us", rows, (12, 10)),
+        paragraph(told),
+        sep="\n\n",
+    )
     return 0
 
 

@@ -20,7 +20,8 @@ _LISTS = (
 )
 _COUNTS = ("free", "motors", "prescribed", "plain", "circles", "balls", "bodies")
 _SETTINGS = (
-    *("most", "stale", "allowed", "every", "age", "stopped", "mass", "by_v", "by_y"),
+    *("most", "stale", "allowed", "every", "age", "due", "ready", "stopped"),
+    *("mass", "by_v", "by_y"),
     *("tolerance", "farthest", "reference", "peak", "noise", "rate", "began", "previous", "second"),
     "usual",
 )
@@ -54,7 +55,7 @@ def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
 
 def _settings(engine: Engine) -> dict[str, float]:
     at = engine.kernel.at
-    return {name: getattr(at, name) for name in _SETTINGS} | {"stale": 1, "stopped": -1}
+    return {name: getattr(at, name) for name in _SETTINGS} | {"stale": 1, "ready": 0, "stopped": -1}
 
 
 def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:

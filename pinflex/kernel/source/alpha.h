@@ -11,6 +11,7 @@ typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */
   Int allowed, every, age;             /* tangents of a step, steps between them (0: as it takes); since the last */
+  Int due, ready;                      /* whether a tangent is wanted; whether one waits to be factored */
   Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */

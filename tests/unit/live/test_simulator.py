@@ -13,6 +13,8 @@ from pinflex.actuation.motors import motor_axes
 from pinflex.errors import PinflexError
 from pinflex.kernel import build
 from pinflex.kernel.library import kernel
+from pinflex.levels.excited import default_motion
+from pinflex.live.cost import _on_and_on, step_cost
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason="no kernel")
 
@@ -99,6 +101,30 @@ def test_energy_of_a_flexible_pendulum(name: str) -> None:
     assert swings > 400.0 and grown < 1e-2 * swings
     coarse, fine = errors(4e-3, 2500)[1], errors(2e-3, 5000)[1]
     assert 3.4 < coarse / fine < 4.7
+
+
+def test_no_step_bears_a_whole_tangent() -> None:
+    """Where they may come late, one is evaluated behind a step and factored behind the next."""
+    live = pf.Simulator("delta", dt=5e-4)
+    path = _on_and_on(live.mechanism, live.dt)
+    live.reset(motion=default_motion(live.mechanism))
+    at, made = live._at.kernel.at, []
+    for move in np.moveaxis(path, 1, 0)[:1200]:
+        ready, before = at.ready, at.refreshed
+        live.step(motion=tuple(move))
+        made.append((at.refreshed - before, ready))
+    new = np.array(made)
+    assert new[0, 0] == 1 and new[:, 0].max() == 1  # the first has none to begin with
+    assert new[1:, 0].sum() > 20 and (new[1:, 0] == new[1:, 1]).all()
+
+
+def test_what_steps_cost_is_told_beside_the_same_arithmetic() -> None:
+    found = step_cost("ur5", steps=400, iterations=9)
+    assert found.steps == 400 and found.tangents[1] == 1 and 2 <= found.iterations[1] <= 9
+    assert found.percentiles[50.0] <= found.percentiles[99.0] <= found.largest
+    # As long as a step, up to the quarter by which its length is searched, and what machines do.
+    assert 0.2 < found.same[50.0] / found.percentiles[50.0] < 5.0
+    assert found.preempted is None or 0 <= found.preempted <= 400
 
 
 def test_snapshots_are_exact() -> None:
