@@ -17,9 +17,10 @@ def add(commands: parser.Commands) -> None:
         "export",
         "the robot as an FMU, or as C sources",
         """
-Writes the robot in equal steps, with its tables and its start, as an FMU (FMI 2.0, co-simulation)
-or as C sources with a main: the steps are those of pf.Simulator, without Python. What moves the
-motors comes from outside. Variables have the names and units of the table of a run.""",
+Writes the robot in equal steps, with its tables and its start, as an FMU (FMI 2.0 or 3.0,
+co-simulation) or as C sources with a main: the steps are those of pf.Simulator, without Python.
+What moves the motors comes from outside. Variables have the names and units of the table of a
+run.""",
         "pinflex export ur5 --fmu ur5.fmu\n  pinflex export delta --c delta_c --inputs motion",
     )
     p.add_argument("--fmu", metavar="FILE.fmu", help="write an FMU")
@@ -42,7 +43,11 @@ motors comes from outside. Variables have the names and units of the table of a 
         type=parser.names,
         default=(),
         metavar="NAME,...",
-        help="linux64, win64, darwin64: made by the pip package ziglang (default: this machine)",
+        help="linux64, win64, darwin64, and with --fmi 3 linux-arm, darwin-arm: made by the pip "
+        "package ziglang (default: this machine)",
+    )
+    p.add_argument(
+        "--fmi", type=int, choices=(2, 3), default=2, help="version of the standard (default: 2)"
     )
     parser.pose_option(p)
 
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if args.c is not None:
         files.append(export_c(live, args.c, args.inputs))
     if args.fmu is not None:
-        files.append(export_fmu(live, args.fmu, args.inputs, args.platforms))
+        files.append(export_fmu(live, args.fmu, args.inputs, args.platforms, args.fmi))
     if args.json:
         print_json({"files": [str(path) for path in files]})
     else:

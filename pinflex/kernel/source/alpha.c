@@ -297,3 +297,34 @@ EXPORT Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, con
   }
   return count;
 }
+
+Int pinflex_alpha_slope(const Tables *t, char *memory, Alpha *m, const double *scale, const Rows *by,
+                        double *dy, double *dv, double *torque) {
+  const Stages *st = m->joints;
+  Int n = st->free, nv = t->nv, rows = t->closures, square = nv * nv;
+  const double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square;
+  evaluate(t, memory, m, &m->now, scale, 1);
+  for (Int i = 0; i < nv; i++) m->r[i] = dy[i] = dv[i] = 0.0;
+  for (Int k = 0; k < rows; k++) m->open[k] = 0.0;
+  for (Int k = 0; k < st->motors; k++) {
+    Int at = st->motor_v[k];
+    if (!st->prescribed) m->r[at] -= by->feed[k];
+    if (!st->prescribed) continue;
+    for (Int i = 0; i < nv; i++)
+      m->r[i] += M[i * nv + at] * by->feed[k] + C[i * nv + at] * by->velocity[k]
+                 + K[i * nv + at] * by->position[k];
+    for (Int i = 0; i < rows; i++) m->open[i] += J[i * nv + at] * by->position[k];
+    dy[at] = by->position[k], dv[at] = by->velocity[k];
+  }
+  if (!assemble(t, m)) return 0;
+  solved(t, m);
+  for (Int j = 0; j < n; j++)
+    dy[st->free_at[j]] = m->by_y * m->x[j], dv[st->free_at[j]] = m->by_v * m->x[j];
+  for (Int k = 0; k < st->motors; k++) {
+    torque[k] = st->prescribed ? m->r[st->motor_v[k]] : by->feed[k];
+    if (!st->prescribed) continue;
+    for (Int j = 0; j < n; j++) torque[k] += m->motor_rows[k * n + j] * m->x[j];
+    for (Int j = 0; j < rows; j++) torque[k] -= m->motor_J[j * st->motors + k] * m->x[n + j];
+  }
+  return 1;
+}

@@ -39,4 +39,10 @@ typedef struct {
 /* Up to `count` steps; the number of those that were taken. */
 Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, const Rows *rows);
 
+/* What the state and the torques of the motors change by as what the last step was given does, `by`
+   (position and velocity of led motors, feed): dy and dv (nv,), torque (motors,). For now of m, whose
+   factors are new ones then; 0: there are none. */
+Int pinflex_alpha_slope(const Tables *t, char *memory, Alpha *m, const double *scale, const Rows *by,
+                        double *dy, double *dv, double *torque);
+
 #endif
