@@ -97,4 +97,5 @@ stays = {
 for name, (since, total) in stays.items():
     print(f"{name:>8}: within {1e3 * BAND:.0f} mm from {since:.2f} s on, reward {total:.2f}")
 assert stays["guessed"][1] < 1.3 * stays["learnt"][1] < 0.0  # it has learnt not to shake
-assert stays["learnt"][0] < 3.5 and stays["learnt"][1] > 1.2 * stays["shaped"][1]
+assert stays["learnt"][0] < 3.5
+assert stays["learnt"][1] > 1.2 * stays["shaped"][1]
