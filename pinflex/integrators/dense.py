@@ -45,8 +45,8 @@ def between(run: Run, t: Array, led: tuple[MotorAxes, MotorPath] | None) -> Run:
         v[:, system.motors], a[:, system.motors] = path.velocity, path.acceleration
     signals = run.signals
     if signals is not None:
-        told = (_straight(z, at, x) for z in (signals.u, signals.measured))
-        signals = replace(signals, **dict(zip(("u", "measured"), told, strict=True)))
+        u, measured = (_straight(z, at, x) for z in (signals.u, signals.measured))
+        signals = replace(signals, u=u, measured=measured)
     missed = _CURVED * np.abs(np.diff(run.torque, 2, axis=0)).max(initial=0.0)
     work = None if run.work is None else _cubic(run.work, np.gradient(run.work, axis=0), at, x)
     return replace(

@@ -320,8 +320,8 @@ def flexible_system(
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
-        at, equations = np.concatenate([home, np.zeros(m)]), Equations(system)
-        J = equations.reference.close(at[None]).J[0] if passing else equations.close(at).J
+        y, equations = np.concatenate([home, np.zeros(m)]), Equations(system)
+        J = equations.reference.close(y[None]).J[0] if passing else equations.close(y).J
     kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
     spun = len(idle.spins)
     own = spun + len(coupled)
