@@ -196,6 +196,11 @@ def test_a_motor_stops_at_its_limit() -> None:
     last = live.motors.position[0]
     assert last <= 2 * np.pi < last + 2.0 * live.dt + 1e-12
     assert error.value.data["time"] == pytest.approx(live.time + live.dt)
+    before, k = (live.time, live.y, live.v, live.motors.torque), round(live.time / live.dt) + 1
+    with pytest.raises(pf.MotionError, match="would pass its stop"):
+        live.step(motion=(q + k * live.dt * v, v, 0 * v))
+    after = live.time, live.y, live.v, live.motors.torque
+    assert all(np.array_equal(x, y) for x, y in zip(before, after, strict=True))
 
 
 def test_arguments_are_checked() -> None:
