@@ -83,9 +83,10 @@ except pf.DescriptionError as error:
 # ## What a step costs
 #
 # A step takes 12 Newton iterations and one new tangent at the most (`iterations`, `tangents`;
-# `every` renews it on a schedule). `pinflex bench ur5 --worst` takes a million of them and tells
-# median, rare ones and the largest beside those of an empty call; here a few, on the machine that
-# built this page.
+# `every` renews it on a schedule); new ones are made ahead of need, evaluated behind one step and
+# factored behind the next. `pinflex bench ur5 --worst` takes a million steps and tells median,
+# rare ones and the largest beside the same arithmetic again and again: what both share is the
+# machine's. Here a few, on the machine that built this page.
 
 # %%
 from pinflex.live.cost import step_cost
@@ -97,10 +98,16 @@ print(f"median {1e6 * cost.percentiles[50.0]:.0f} us, 99.9 % within "
 # %% [markdown]
 # ## Without Python
 #
-# The same steps as an FMU (FMI 2.0, co-simulation) for Simulink, Modelica tools or FMPy, or as C
-# sources: from the shell `pinflex export ur5 --fmu ur5.fmu`, `pinflex export ur5 --c ur5_c`.
-# Variables have the names and units of the table of a run; `damping` multiplies the damping of
-# joints and links. Another payload is another export, with `--set`.
+# The same steps as an FMU (FMI 2.0, or 3.0 with `--fmi 3`; co-simulation) for Simulink, Modelica
+# tools or FMPy, or as C sources: from the shell `pinflex export ur5 --fmu ur5.fmu`, `pinflex export
+# ur5 --c ur5_c`. Variables have the names and units of the table of a run, and `stress LINK` is the
+# largest normal stress by the strains of a beam. Parameters: `damping` multiplies the damping of
+# joints and links, `payload` is the mass in kg that the platform carries. Derivatives of outputs by
+# inputs are there (`fmi2GetDirectionalDerivative`): those of one step.
+#
+# `examples/controller_in_c.py` couples such an FMU with a controller in C, another FMU;
+# `examples/lqg_in_the_loop.py` has a Kalman filter behind an encoder and a delay, and
+# `examples/learn_to_reach.py` is an environment of gymnasium, with what a few hundred tries learn.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

@@ -57,16 +57,26 @@ def _worst(mechanism: pf.Mechanism, args: argparse.Namespace) -> int:
 
     steps = 1_000_000 if args.steps is None else args.steps
     cost = step_cost(mechanism, steps, 1e-3 if args.dt is None else args.dt)
-    rows = [(f"{share:g} %", x) for share, x in cost.percentiles.items()]
-    rows += [("largest", cost.largest), ("largest of an empty call", cost.empty)]
+    rows = [(f"{share:g} %", x, cost.same[share]) for share, x in cost.percentiles.items()]
+    rows.append(("largest", cost.largest, cost.same_largest))
     mean, most = cost.iterations
+    words = (
+        f"Newton iterations of a step: {mean:.1f}, {most} at the most; {cost.tangents[0]} new "
+        f"tangents, {cost.tangents[1]} of a step at the most. Largest of an empty call: "
+        f"{number(1e6 * cost.empty)} us."
+    )
+    if cost.left_alone is not None:
+        words += (
+            f" The system took the processor away in {cost.preempted} steps; largest of the "
+            f"others: {number(1e6 * cost.left_alone)} us. Page faults in steps: {cost.faults}."
+        )
     text = Report(cost.name, (
         table(
             f"{cost.name}: {cost.steps} steps of {cost.dt:g} s, thread CPU time", rows,
-            ("share of the steps", itemgetter(0)), ("us", lambda row: 1e6 * row[1]), names=(24,),
+            ("share", itemgetter(0)), ("step us", lambda row: 1e6 * row[1]),
+            ("same arithmetic us", lambda row: 1e6 * row[2]), names=(12, 10),
         ),
-        f"Newton iterations of a step: {mean:.1f}, {most} at the most; {cost.tangents[0]} new "
-        f"tangents, {cost.tangents[1]} of a step at the most.",
+        words,
     )).text()  # fmt: skip
     return answer(args, asdict(cost), text)
 

@@ -445,9 +445,10 @@ back, and tells what they cost: median, rare ones and the largest, in thread CPU
 EXPORT = Command(
     ("motions", "run_export"),
     """
-Writes the robot in equal steps, with its tables and its start, as an FMU (FMI 2.0, co-simulation)
-or as C sources with a main: the steps are those of pf.Simulator, without Python. What moves the
-motors comes from outside. Variables have the names and units of the table of a run.""",
+Writes the robot in equal steps, with its tables and its start, as an FMU (FMI 2.0 or 3.0,
+co-simulation) or as C sources with a main: the steps are those of pf.Simulator, without Python.
+What moves the motors comes from outside. Variables have the names and units of the table of a
+run.""",
     "pinflex export ur5 --fmu ur5.fmu\n  pinflex export delta --c delta_c --inputs motion",
     (
         option("--fmu", metavar="FILE.fmu", help="write an FMU"),
@@ -464,8 +465,12 @@ motors comes from outside. Variables have the names and units of the table of a 
         ),
         parameter(
             "platforms", metavar="NAME,...",
-            help="linux64, win64, darwin64: made by the pip package ziglang (default: this "
-            "machine)",
+            help="linux64, win64, darwin64, and with --fmi 3 linux-arm, darwin-arm: made by the "
+            "pip package ziglang (default: this machine)",
+        ),
+        option(
+            "--fmi", type=int, choices=(2, 3), default=2,
+            help="version of the standard (default: 2)",
         ),
         POSE,
     ),

@@ -291,5 +291,5 @@ def run_export(args: argparse.Namespace) -> int:
         live.reset(args.pose)
     files = [] if args.c is None else [pf.export_c(live, args.c, args.inputs)]
     if args.fmu is not None:
-        files.append(pf.export_fmu(live, args.fmu, args.inputs, **values(args)))
+        files.append(pf.export_fmu(live, args.fmu, args.inputs, version=args.fmi, **values(args)))
     return answer(args, {}, "", files)

@@ -28,6 +28,7 @@ class Settings(TypedDict, total=False):
     tol: Tolerance. error: Estimated error by output. judged: By what.
     events: Contacts. clearances: Of pins, by name [m].
     statistics: Of runs that part, by motor. share: Multipliers of shared torques.
+    interpolated: Error of torques between steps [N m | N].
     """
 
     integrator: str
@@ -47,6 +48,7 @@ class Settings(TypedDict, total=False):
     clearances: dict[str, float]
     statistics: dict[str, Any]
     share: dict[str, Any]
+    interpolated: float
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ _LISTS = (
 )
 _COUNTS = ("free", "motors", "prescribed", "plain", "circles", "balls", "bodies")
 _SETTINGS = (
-    *("most", "stale", "allowed", "every", "age", "stopped", "mass", "by_v", "by_y"),
+    *("most", "stale", "allowed", "every", "age", "due", "ready", "stopped"),
+    *("mass", "by_v", "by_y"),
     *("tolerance", "farthest", "reference", "peak", "noise", "rate", "began", "previous", "second"),
     "usual",
 )
@@ -54,7 +55,7 @@ def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
 
 def _settings(engine: Engine) -> dict[str, float]:
     at = engine.kernel.at
-    return {name: getattr(at, name) for name in _SETTINGS} | {"stale": 1, "stopped": -1}
+    return {name: getattr(at, name) for name in _SETTINGS} | {"stale": 1, "ready": 0, "stopped": -1}
 
 
 def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
@@ -64,8 +65,17 @@ def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
         "lam": now.lam, "torque": now.torque, "position": engine.path.position[1],
         "scale": engine.scale[1], "frame_node": outputs.frame_node,
         "frame_place": outputs.frame_place, "tip_at": outputs.tip_at, "tip_n": outputs.tip_n,
-        "tip_curved": outputs.tip_curved, "tip_rows": outputs.tip_rows,
+        "tip_curved": outputs.tip_curved, "tip_rows": outputs.tip_rows, "beam_at": outputs.beam_at,
+        "beam_n": outputs.beam_n, "beam_fibres": outputs.beam_fibres,
+        "beam_rows": outputs.beam_rows, "beam_rim": outputs.beam_rim, **_carried(outputs),
     }  # fmt: skip
+
+
+def _carried(outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
+    given = outputs.carried
+    if given is None:
+        return {}
+    return {"payload_place": given.place, "payload_inertia": given.inertia}
 
 
 def _model(live: Simulator, engine: Engine, outputs: Outputs) -> str:
@@ -74,7 +84,10 @@ def _model(live: Simulator, engine: Engine, outputs: Outputs) -> str:
     fields = [".tables = &tables", ".joints = &joints", ".settings = &settings"]
     fields += [f".{name} = m_{name}" for name in named]
     fields += [f".dt = {_number(live.dt)}", f".frames = {len(outputs.frame_node)}"]
-    fields += [f".tips = {len(outputs.tip_at)}"]
+    fields += [f".tips = {len(outputs.tip_at)}", f".beams = {len(outputs.beam_at)}"]
+    carried = outputs.carried
+    node, mass = (-1, 0.0) if carried is None else (carried.node, carried.mass)
+    fields += [f".payload_node = {node}", f".payload_mass = {_number(mass)}"]
     return f"const Model robot_model = {{{', '.join(fields)}}};\n"
 
 

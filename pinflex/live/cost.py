@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from pinflex.text import brief
 
 _SHARES = (50.0, 99.0, 99.9, 99.99)  # percentiles
 _SAME = 1e-6  # of the largest: two ends of a motion that are one
+_WARM = 200  # steps, after which the length of a step is known
 _REST = 0.2  # of the motion: at rest before it comes back
 
 
@@ -32,7 +34,11 @@ class StepCost:
     Attributes:
         name: Of the model. dt: Step [s]. steps: Their number.
         percentiles: By share of the steps [%], s. largest: Of all, s.
-        empty: Largest of as many empty calls in the same run, s: what the machine adds.
+        same: The same of one and the same arithmetic, about as long as a step, in turn with the
+            steps: what of the rare ones is the machine's. same_largest: Its largest, s.
+        empty: Largest of as many empty calls in the same run, s.
+        left_alone: Largest of steps in which the system took no processor away, s; preempted:
+            number of the others; faults: pages that had to be found in a step. None: unknown here.
         iterations: Newton iterations of a step: mean and most.
         tangents: New tangents: in all, and most of a step.
     """
@@ -44,7 +50,12 @@ class StepCost:
     steps: int
     percentiles: dict[float, float]
     largest: float
+    same: dict[float, float]
+    same_largest: float
     empty: float
+    left_alone: float | None
+    preempted: int | None
+    faults: int | None
     iterations: tuple[float, int]
     tangents: tuple[int, int]
 
@@ -77,31 +88,78 @@ def step_cost(
     path = _on_and_on(mechanism, dt)
     engine = live.reset(motion=default_motion(mechanism))._engine(True, path[:, 0])
     at, move, now = engine.kernel.at, engine.path, time.thread_time_ns
-    times, counts = np.zeros((2, steps), np.int64), np.zeros((2, steps + 1), np.int64)
-    counts[:, 0] = at.iterations, at.refreshed
-    length = path.shape[1]
+    times, counts = np.zeros((3, steps), np.int64), np.zeros((4, steps + 1), np.int64)
+    length, seen = path.shape[1], _disturbances()
+    same: Callable[[], object] = _nothing
+    counts[:, 0] = at.iterations, at.refreshed, *seen()
     with _undisturbed():
         for k in range(steps):
-            j = k % length
-            move.position[1], move.velocity[1], move.acceleration[1] = path[:, j]
+            if k == min(_WARM, steps // 2):
+                same = _arithmetic(live, float(np.median(times[0, :k])) if k else 0.0)
+            move.position[1], move.velocity[1], move.acceleration[1] = path[:, k % length]
+            lost = seen()
             begun = now()
             taken = engine.take()
             times[0, k] = now() - begun
+            counts[2:, k + 1] = np.subtract(seen(), lost)
             if not taken:
                 raise live._stuck(engine, (k + 1) * dt)
-            counts[0, k + 1], counts[1, k + 1] = at.iterations, at.refreshed
-        for k in range(steps):
+            counts[:2, k + 1] = at.iterations, at.refreshed
             begun = now()
+            same()
             times[1, k] = now() - begun
-    return _told(mechanism.name, dt, times, np.diff(counts))
+            begun = now()
+            times[2, k] = now() - begun
+    return _told(mechanism.name, dt, times, counts)
+
+
+def _nothing() -> None:
+    """No arithmetic."""
+
+
+def _arithmetic(live: Simulator, wanted: float) -> Callable[[], object]:
+    """Poses of so many states in a row as take `wanted` ns: always the same, in compiled code."""
+    joints = range(1, 2)
+    count = 8
+    while True:
+        again = partial(live._compiled.poses, np.repeat(live.y[None], count, axis=0), joints)
+        spent = []
+        for _ in range(9):
+            begun = time.thread_time_ns()
+            again()
+            spent.append(time.thread_time_ns() - begun)
+        if float(np.median(spent)) >= wanted:
+            return again
+        count += 1 + count // 4
+
+
+def _disturbances() -> Callable[[], tuple[int, int]]:
+    """How often this thread lost its processor, and how often it had to wait for a page."""
+    with suppress(ImportError, AttributeError):  # of Linux alone
+        import resource
+
+        of, read = resource.RUSAGE_THREAD, resource.getrusage
+
+        def told() -> tuple[int, int]:
+            usage = read(of)
+            return usage.ru_nivcsw, usage.ru_minflt + usage.ru_majflt
+
+        return told
+    return lambda: (-1, -1)
 
 
 def _told(name: str, dt: float, times: IntArray, counts: IntArray) -> StepCost:
-    seconds = 1e-9 * times
-    shares = {p: float(np.percentile(seconds[0], p)) for p in _SHARES}
-    iterations, tangents = counts
+    seconds: Array = np.multiply(times, 1e-9)
+    shares, same = ({p: float(np.percentile(x, p)) for p in _SHARES} for x in seconds[:2])
+    iterations, tangents = np.diff(counts[:2])
+    known = counts[2, 0] >= 0
+    switches, faults = counts[2:, 1:]
+    alone = seconds[0][switches == 0]
     return StepCost(
-        name, dt, len(iterations), shares, float(seconds[0].max()), float(seconds[1].max()),
+        name, dt, len(iterations), shares, float(seconds[0].max()), same,
+        float(seconds[1].max()), float(seconds[2].max()),
+        float(alone.max()) if known and len(alone) else None,
+        int(np.count_nonzero(switches)) if known else None, int(faults.sum()) if known else None,
         (float(iterations.mean()), int(iterations.max())),
         (int(tangents.sum()), int(tangents.max())),
     )  # fmt: skip

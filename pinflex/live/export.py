@@ -1,4 +1,4 @@
-"""A robot without Python: C sources with its tables, and an FMU of them (FMI 2.0)."""
+"""A robot without Python: C sources with its tables, and an FMU of them (FMI 2.0, 3.0)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pinflex.boundary import public
@@ -15,17 +16,43 @@ from pinflex.kernel import build
 from pinflex.live.c_text import model_c
 from pinflex.live.engine import Engine
 from pinflex.live.fmi import Description
-from pinflex.live.outputs import Outputs, commands, outputs_of
+from pinflex.live.outputs import Outputs, Signal, commands, outputs_of
 from pinflex.live.simulator import Simulator
 from pinflex.writing import replaced, write_text
 
 SOURCE = Path(__file__).parent / "source"
-# Folders of an FMU, the target of zig and the ending of the library there.
+
+
+@dataclass(frozen=True)
+class Platform:
+    """A kind of machine that an FMU has a library for.
+
+    Attributes:
+        here: As `build.here` has it. target: Of zig. ending: Of the library.
+        third, second: Folders in an FMU of FMI 3.0 and 2.0, which knows no ARM.
+    """
+
+    here: str
+    target: str
+    ending: str
+    third: str
+    second: str = ""
+
+    def folder(self, version: int) -> str:
+        """Where its library is in an FMU; none: nowhere."""
+        return self.second if version == 2 else self.third
+
+
 PLATFORMS = {
-    "linux64": ("x86_64-linux-gnu.2.17", ".so"),
-    "win64": ("x86_64-windows-gnu", ".dll"),
-    "darwin64": ("x86_64-macos.11.0", ".dylib"),
+    "linux64": Platform("linux-x86_64", "x86_64-linux-gnu.2.17", ".so", "x86_64-linux", "linux64"),
+    "win64": Platform("windows-x86_64", "x86_64-windows-gnu", ".dll", "x86_64-windows", "win64"),
+    "darwin64": Platform(
+        "macos-x86_64", "x86_64-macos.11.0", ".dylib", "x86_64-darwin", "darwin64"
+    ),
+    "darwin-arm": Platform("macos-aarch64", "aarch64-macos.11.0", ".dylib", "aarch64-darwin"),
+    "linux-arm": Platform("linux-aarch64", "aarch64-linux-gnu.2.17", ".so", "aarch64-linux"),
 }
+VERSIONS = (2, 3)  # of the standard
 _KINDS = ("motion", "torque")
 
 
@@ -56,22 +83,30 @@ def export_c(live: Simulator, folder: str | Path, inputs: str = "torque") -> Pat
 
 @public
 def export_fmu(
-    live: Simulator, file: str | Path, inputs: str = "torque", platforms: Sequence[str] = ()
+    live: Simulator,
+    file: str | Path,
+    inputs: str = "torque",
+    platforms: Sequence[str] = (),
+    version: int = 2,
 ) -> Path:
-    """Write an FMU (FMI 2.0, co-simulation) of a robot, from where a simulator stands.
+    """Write an FMU (FMI 2.0 or 3.0, co-simulation) of a robot, from where a simulator stands.
 
     It steps as the simulator does, with no Python inside. Inputs are those at the end of a step;
     a communication step is a whole number of steps of dt. Variables have the names and units of the
-    table of a result; `damping` multiplies the damping of joints and links.
+    table of a result, `stress LINK` [Pa] is the largest normal stress by the strains of a beam.
+    Parameters: `damping` multiplies the damping of joints and links; `payload` [kg] is the mass of
+    what the YAML's payload is, or of a point at the platform (both start from the same pose and
+    torques). Derivatives are those of the outputs of a step of dt by its inputs.
 
-    Source: Modelica Association, Functional Mock-up Interface 2.0.4, sections 2 and 4.
+    Source: Modelica Association, Functional Mock-up Interface 2.0.4 (sections 2 and 4) and 3.0.1.
 
     Args:
         live: At the start.
         file: NAME.fmu.
         inputs: torque or motion: what moves the motors.
-        platforms: linux64, win64 or darwin64, made by the pip package ziglang; default: this
-            machine's, by any C compiler.
+        platforms: linux64, win64, darwin64 and, of FMI 3, linux-arm and darwin-arm, made by the
+            pip package ziglang; default: this machine's, by any C compiler.
+        version: Of FMI, 2 or 3.
     Returns:
         The file.
     Raises:
@@ -80,24 +115,53 @@ def export_fmu(
     file = Path(file)
     if file.suffix != ".fmu":
         raise DescriptionError(f"{file}: an FMU ends with .fmu.")
+    if version not in VERSIONS:
+        raise DescriptionError(f"export: FMI {version}. Allowed: {', '.join(map(str, VERSIONS))}.")
     for name in platforms:
-        if name not in PLATFORMS:
-            raise DescriptionError(f"export: {name}: no such platform.{nearest(name, PLATFORMS)}")
+        _require(name, version)
     engine, outputs = _ready(live, inputs)
     text = model_c(live, engine, outputs)
     given = commands(live.mechanism, inputs == "torque")
     at = engine.found[5][1] if inputs == "torque" else _where(engine)
-    about = Description(live.mechanism.name, live.dt, given, tuple(at), outputs.signals, text)
+    about = Description(
+        live.mechanism.name, live.dt, given, tuple(at), outputs.signals, _parameters(outputs),
+        text, version,
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as held:
         folder = Path(held)
         (folder / "model.c").write_text(text + about.identity(), "utf-8")
-        made = {name: _library(folder, name) for name in platforms or [_here()]}
+        made = {name: _library(folder, name) for name in platforms or [_here(version)]}
         with replaced(file) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as fmu:
             fmu.writestr("modelDescription.xml", about.xml())
             for name, library in made.items():
-                ending = PLATFORMS[name][1]
-                fmu.write(library, f"binaries/{name}/{about.identifier}{ending}")
+                one = PLATFORMS[name]
+                where = f"binaries/{one.folder(version)}"
+                fmu.write(library, f"{where}/{about.identifier}{one.ending}")
     return file
+
+
+def _known(version: int) -> list[str]:
+    return [name for name, one in PLATFORMS.items() if one.folder(version)]
+
+
+def _require(name: str, version: int) -> None:
+    """Raise where there is no such platform."""
+    known = _known(version)
+    if name not in known:
+        raise DescriptionError(
+            f"export: {name}: no such platform of FMI {version}.{nearest(name, known)}"
+        )
+
+
+def _parameters(outputs: Outputs) -> list[tuple[Signal, float]]:
+    """What is set before the start, in the order of source/slave.h."""
+    found = [
+        (Signal("damping", "", "factor on the damping of joints and links, set at first"), 1.0)
+    ]
+    if (carried := outputs.carried) is not None:
+        what = f"mass that {carried.frame} carries, set at first"
+        found.append((Signal("payload", "kg", what), carried.mass))
+    return found
 
 
 def _where(engine: Engine) -> list[float]:
@@ -124,26 +188,28 @@ def _kernel() -> list[Path]:
     return [path for path in sorted(build.SOURCE.glob("*.[ch]")) if path.name != "about.c"]
 
 
-def _here() -> str:
-    """The folder of this machine in an FMU."""
-    names = {"linux-x86_64": "linux64", "windows-x86_64": "win64", "macos-x86_64": "darwin64"}
-    here = build.here()
-    if here not in names:
-        raise DescriptionError(
-            f"export: FMI 2.0 has no folder for {here}. Name platforms: {', '.join(PLATFORMS)}."
-        )
-    return names[here]
+def _here(version: int) -> str:
+    """The platform that this machine is."""
+    known = _known(version)
+    for name in known:
+        if PLATFORMS[name].here == build.here():
+            return name
+    raise DescriptionError(
+        f"export: FMI {version} has no folder for {build.here()}. Name platforms: "
+        f"{', '.join(known)}."
+    )
 
 
 def _library(folder: Path, platform: str) -> Path:
     """The shared library of an FMU, compiled."""
-    target, ending = PLATFORMS[platform]
-    out = folder / f"{platform}{ending}"
+    one = PLATFORMS[platform]
+    out = folder / f"{platform}{one.ending}"
     sources = [str(path) for path in _kernel() if path.suffix == ".c"]
-    sources += [str(SOURCE / "robot.c"), str(SOURCE / "fmi2.c"), str(folder / "model.c")]
+    sources += [str(SOURCE / name) for name in ("robot.c", "slave.c", "fmi2.c", "fmi3.c")]
+    sources.append(str(folder / "model.c"))
     flags = [*build.FLAGS, "-DEXPORT=", f"-I{build.SOURCE}", f"-I{SOURCE}"]
     said = []
-    for compiler in _compilers(platform, target):
+    for compiler in _compilers(one):
         command = [*compiler, *flags, *sources, "-lm", "-o", str(out)]
         try:
             subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
@@ -157,10 +223,11 @@ def _library(folder: Path, platform: str) -> Path:
     )
 
 
-def _compilers(platform: str, target: str) -> list[list[str]]:
+def _compilers(one: Platform) -> list[list[str]]:
     """Commands to try: those of the kernel for this machine, zig for others."""
-    if platform == _here():
-        cpu = build.BUILDS["x86_64"][0]  # every processor of the kind
+    if one.here == build.here():
+        _, *flags = build.BUILDS[one.here.rpartition("-")[2]][0]  # every processor of the kind
         found = build.compilers(build.here()) if build.here() in build.TARGETS else []
-        return [[*one, *(cpu[1] if "ziglang" in one else cpu[2])] for one in found]
-    return [[*one, "-mcpu=x86_64"] for one in build.zig(target)]
+        return [[*each, *flags[0 if "ziglang" in each else 1]] for each in found]
+    cpu = ["-mcpu=x86_64"] if one.here.endswith("x86_64") else []
+    return [[*each, *cpu] for each in build.zig(one.target)]

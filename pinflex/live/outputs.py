@@ -11,6 +11,8 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.quantities import joint_unit
 from pinflex.text import brief
 
+STATIONS = 9  # of a beam, where its stress is looked at: as in source/robot.h
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -30,10 +32,15 @@ class Outputs:
     """Tables of `Model` in source/robot.h, and the names of what they tell, in its order.
 
     Attributes:
-        signals: Torque, position and speed of motors, pose of frames, deflection of tips.
+        signals: Torque, position and speed of motors, pose of frames, deflection of tips, stress of
+            beams.
         frame_node, frame_place: Nodes of frames, and [R | p] in them, shapes (k,), (k, 12).
         tip_at, tip_n, tip_curved: Of tips: first coordinate in y, number, whether with G.
         tip_rows: Phi (3, n) and G (3, n, n) of each, in a row.
+        beam_at, beam_n, beam_fibres: Of beams: first coordinate, number, points of the rim.
+        beam_rows: E u', -E v'', -E w'' at stations (3, n), one after the other.
+        beam_rim: y, z of the points of the rim, one after the other.
+        carried: What is carried, as a parameter, or None.
     """
 
     __repr__ = brief
@@ -45,6 +52,28 @@ class Outputs:
     tip_n: IntArray
     tip_curved: IntArray
     tip_rows: Array
+    beam_at: IntArray
+    beam_n: IntArray
+    beam_fibres: IntArray
+    beam_rows: Array
+    beam_rim: Array
+    carried: Carried | None
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A mass that a frame carries.
+
+    Attributes:
+        frame: Its name. mass: At first, kg. node: Of the tree of the kernel.
+        place: Its centre in the axes of the node, m. inertia: About it, of a kg, (3, 3), m^2.
+    """
+
+    frame: str
+    mass: float
+    node: int
+    place: Array
+    inertia: Array
 
 
 def commands(mechanism: Mechanism, pushed: bool) -> tuple[Signal, ...]:
@@ -91,11 +120,56 @@ def outputs_of(mechanism: Mechanism) -> Outputs:
             Signal(f"deflection {slot.link} {d}", "m", f"of the end of {slot.link}, along its {a}")
             for d, a in zip("uvw", "xyz", strict=True)
         ]
+    beams = _beams(mechanism)
+    signals += [
+        Signal(f"stress {link}", "Pa", f"largest normal stress of {link}, by its strains")
+        for link in dict.fromkeys(beams[0])
+    ]
     return Outputs(
         tuple(signals), np.array(nodes, dtype=np.intp),
         np.array(places).reshape(-1, 12), np.array(at, dtype=np.intp),
         np.array(n, dtype=np.intp), np.array(curved, dtype=np.intp), np.concatenate(rows),
+        *beams[1:], _carried(mechanism),
     )  # fmt: skip
+
+
+def _beams(mechanism: Mechanism) -> tuple[list[str], IntArray, IntArray, IntArray, Array, Array]:
+    """Links of one beam each, and the tables of their stress."""
+    names, at, n, fibres, rows, rims = [], [], [], [], [np.zeros(0)], [np.zeros(0)]
+    for slot in mechanism.loose.expansion.slots:
+        part = mechanism.parts[slot.link]
+        if len(part.bodies) > 1 or slot.body.solid is not None:
+            continue  # as the ends above
+        x = np.linspace(0.0, slot.body.length, STATIONS)
+        fields, none = slot.body.fields(x), np.zeros((STATIONS, slot.body.n))
+        E, section = part.spec.material.E, part.spec.section
+        each = (("axial", E), ("curvature_v", -E), ("curvature_w", -E))
+        stacked = np.stack([factor * fields.get(key, none) for key, factor in each], axis=1)
+        names.append(slot.link)
+        at.append(int(mechanism.loose.rigid.nq) + slot.eta.start)
+        n.append(slot.body.n)
+        fibres.append(len(section.fibres))
+        rows.append(stacked.ravel())
+        rims.append(np.array(section.fibres, dtype=np.float64).ravel())
+    lists = (np.array(x, dtype=np.intp) for x in (at, n, fibres))
+    return names, *lists, np.concatenate(rows), np.concatenate(rims)  # type: ignore[return-value]
+
+
+def _carried(mechanism: Mechanism) -> Carried | None:
+    """What the YAML says is carried, or nothing yet, at the platform."""
+    system, payload = mechanism.loose, mechanism.description.payload
+    frame = mechanism.description.platform if payload is None else payload.frame
+    place = None if frame is None else system.expansion.frames.get(frame)
+    if frame is None or place is None:
+        return None
+    node = int(system.node_of_joints[place.joint])
+    if node < 0:
+        return None
+    R, p = place.placement.rotation, place.placement.translation
+    if payload is None or payload.mass <= 0.0:
+        return Carried(frame, 0.0, node, p, np.zeros((3, 3)))
+    inertia = R @ payload.tensor @ R.T / payload.mass
+    return Carried(frame, payload.mass, node, p + R @ np.array(payload.centre), inertia)
 
 
 def _unit(mechanism: Mechanism, kind: str, motor: str) -> str:

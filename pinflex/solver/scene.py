@@ -19,6 +19,7 @@ from pinflex.description.blocks.control import Control, DigitalPid, Effort, Trav
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
+from pinflex.integrators import dense
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
@@ -213,10 +214,13 @@ class Scene:
     nudge: float = 0.0
 
     def stepped(self, t: Array, dt: float, progress: Progress | None = None) -> Run:
-        """The run at equal samples t, with steps of dt (s) or the next shorter that fits."""
-        spec, samples = self.spec, len(t)
-        every = max(1, int(min(np.ceil((t[-1] - t[0]) / dt / (samples - 1) - 1e-9), 1e12)))
-        steps = every * (samples - 1)
+        """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
+
+        Steps of a dt that was asked for may be longer than the samples are apart, which then lie
+        between them (`dense.between`); others end at samples, and so do those of level ked.
+        """
+        spec = self.spec
+        steps, every = self._count(t, dt)
         require_steps(self.mechanism, steps, float(t[-1]), "dt" if spec.dt else "until")
         fine = np.linspace(t[0], t[-1], steps + 1)
         if self.linear:
@@ -245,8 +249,10 @@ class Scene:
             begun = self.before.settings.get("start", "straight")
             start = Start(self.before.y[-1], self.before.v[-1], begun)
             at = every * (len(self.before.t) - 1)
+            at = at or round(steps * float(self.before.t[-1] / t[-1]))
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
         dynamics = Equations(self._system, marched=True)
+        thin = self._thin(t, every, drive is None)
         try:
             run = coupled.integrate(
                 self.mechanism, dynamics, (start.y, start.v), path, self.alpha_scheme, drive,
@@ -255,9 +261,41 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             if isinstance(stop, RunInterrupted):
-                stop.result = _thin(stop.result, every)
+                stop.result = _thin(stop.result, max(every, 1))
             raise
-        return _thin(start.told(self._judged(run, fine, every)), every)
+        return thin(start.told(self._judged(run, fine, every)))
+
+    def _count(self, t: Array, dt: float) -> tuple[int, int]:
+        """Number of steps up to the last of equal samples, and from one sample to the next.
+
+        0: samples lie between steps.
+        """
+        end, parts = float(t[-1] - t[0]), len(t) - 1
+        every = max(1, int(min(np.ceil(end / dt / parts - 1e-9), 1e12)))
+        steps = max(1, int(np.ceil(min(end / dt, 1e12) - 1e-9)))
+        if self.spec.dt is None or self.linear or every > 1 or steps >= parts:
+            return every * parts, every
+        done = 0.0 if self.before is None else steps * float(self.before.t[-1]) / end
+        return (steps, 0) if abs(done - round(done)) < _SAME_INSTANT * steps else (parts, 1)
+
+    def _thin(self, t: Array, every: int, prescribed: bool) -> Callable[[Run], Run]:
+        """A run at its samples."""
+        if every:
+            return lambda run: _thin(run, every)
+
+        def between(run: Run) -> Run:
+            asked = t if self.before is None else t[len(self.before.t) - 1 :]
+            path = motor_path(self.mechanism, self.motion, asked) if prescribed else None
+            led = None if path is None else (motor_axes(self.mechanism), path)
+            found = dense.between(run, asked, led)
+            h, off = float(run.t[1] - run.t[0]), found.settings["interpolated"]
+            text = (
+                f"samples lie between steps of {h:.3g} s, where torques are interpolated to about "
+                f"{off:.2g}, against a largest of {np.abs(run.torque).max(initial=0.0):.2g} in all."
+            )
+            return replace(found, warnings=(*found.warnings, text))
+
+        return between
 
     def _judged(self, run: Run, steps: Array, every: int) -> Run:
         """The run with what its step alone tells: samples that cut it, too long, round-off."""

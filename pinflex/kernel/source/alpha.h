@@ -11,6 +11,7 @@ typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */
   Int allowed, every, age;             /* tangents of a step, steps between them (0: as it takes); since the last */
+  Int due, ready;                      /* whether a tangent is wanted; whether one waits to be factored */
   Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */
@@ -37,5 +38,11 @@ typedef struct {
 
 /* Up to `count` steps; the number of those that were taken. */
 Int pinflex_alpha(const Tables *t, char *memory, Alpha *m, Int count, const Rows *rows);
+
+/* What the state and the torques of the motors change by as what the last step was given does, `by`
+   (position and velocity of led motors, feed): dy and dv (nv,), torque (motors,). For now of m, whose
+   factors are new ones then; 0: there are none. */
+Int pinflex_alpha_slope(const Tables *t, char *memory, Alpha *m, const double *scale, const Rows *by,
+                        double *dy, double *dv, double *torque);
 
 #endif

@@ -1,5 +1,6 @@
 /* One robot in equal steps; see robot.h. */
 #include "robot.h"
+#include "march.h"
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,11 +11,13 @@ void pinflex_poses(const Tables *t, char *memory, Int count, const double *Y, In
 enum { ALIGNED = 64 };
 
 struct Robot {
-  Tables tables; /* with a damping of its own */
+  Tables tables; /* with a damping and masses of its own */
   Alpha at;
   Rows rows;
   Int steps;
-  double *damping, *command, *poses;
+  double *damping, *mass, *com, *inertia, *command, *poses;
+  double *dy, *dv, *change; /* of a slope */
+  Robot *twin;              /* which its slopes are found with */
   char *work, *block;
   size_t size;
   void *raw;
@@ -27,6 +30,10 @@ static double *take(char *block, size_t *used, Int numbers) {
   char *here = block ? block + *used : NULL;
   *used += ((size_t)numbers * sizeof(double) / ALIGNED + 1) * ALIGNED;
   return (double *)here;
+}
+
+static void put(double *to, const double *from, Int n) {
+  for (Int i = 0; i < n; i++) to[i] = from[i];
 }
 
 static State state(char *block, size_t *used) {
@@ -56,6 +63,10 @@ static size_t lay_robot(Robot *r, char *block) {
   r->rows.lam = take(block, &used, rows), r->rows.torque = take(block, &used, nm);
   r->rows.power = take(block, &used, 2);
   r->damping = take(block, &used, t->d_at[nv]), r->command = take(block, &used, 3 * nm);
+  r->mass = take(block, &used, t->nodes), r->com = take(block, &used, 3 * t->nodes);
+  r->inertia = take(block, &used, 9 * t->nodes);
+  r->dy = take(block, &used, nv), r->dv = take(block, &used, nv);
+  r->change = take(block, &used, robot_outputs());
   r->poses = take(block, &used, 12 * M->frames);
   r->work = (char *)take(block, &used, pinflex_work_size(t) / (Int)sizeof(double) + 1);
   return used;
@@ -73,25 +84,23 @@ Robot *robot_new(void) {
   r->block = (char *)(((uintptr_t)r->raw + ALIGNED - 1) / ALIGNED * ALIGNED);
   robot_reset(r);
   robot_damping(r, 1.0);
+  robot_payload(r, M->payload_mass);
   return r;
 }
 
 void robot_free(Robot *r) {
-  if (r) free(r->raw);
+  if (r) robot_free(r->twin), free(r->raw);
   free(r);
 }
 
-static void put(double *to, const double *from, Int n) {
-  for (Int i = 0; i < n; i++) to[i] = from[i];
-}
 
 void robot_reset(Robot *r) {
   const Tables *t = M->tables;
-  const double *d = r->tables.d;
   Int nm = M->joints->motors;
   r->tables = *t, r->at = *M->settings, r->steps = 0;
   lay_robot(r, r->block);
-  r->tables.d = d ? d : t->d;
+  r->tables.d = r->damping;
+  r->tables.mass = r->mass, r->tables.com = r->com, r->tables.inertia = r->inertia;
   r->at.joints = M->joints, r->at.predict = M->predict, r->at.low = M->low, r->at.high = M->high;
   State *both[2] = {&r->at.now, &r->at.last};
   for (int k = 0; k < 2; k++) {
@@ -109,8 +118,25 @@ void robot_reset(Robot *r) {
 void robot_damping(Robot *r, double k) {
   const Tables *t = M->tables;
   for (Int i = 0; i < t->d_at[t->nv]; i++) r->damping[i] = k * t->d[i];
-  r->tables.d = r->damping;
   r->at.stale = 1;
+}
+
+/* Masses at points: the common centre, and what both have about it, I + m' m'' / (m' + m'') (d'd 1 - d d') */
+void robot_payload(Robot *r, double m) {
+  const Tables *t = M->tables;
+  double more = m - M->payload_mass, d[3], square = 0.0;
+  put(r->mass, t->mass, t->nodes), put(r->com, t->com, 3 * t->nodes);
+  put(r->inertia, t->inertia, 9 * t->nodes);
+  r->at.stale = 1;
+  if (M->payload_node < 0 || more == 0.0) return;
+  double *own = r->mass + M->payload_node, *com = r->com + 3 * M->payload_node;
+  double *I = r->inertia + 9 * M->payload_node, both = *own + more, share = *own * more / both;
+  for (int i = 0; i < 3; i++) d[i] = M->payload_place[i] - com[i], square += d[i] * d[i];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++)
+      I[3 * i + j] += more * M->payload_inertia[3 * i + j] + share * ((i == j) * square - d[i] * d[j]);
+  for (int i = 0; i < 3; i++) com[i] += more / both * d[i];
+  *own = both;
 }
 
 Int robot_inputs(void) { return (M->joints->prescribed ? 3 : 1) * M->joints->motors; }
@@ -129,7 +155,7 @@ double robot_time(const Robot *r) { return (double)r->steps * M->dt; }
 
 Int robot_motor(const Robot *r) { return r->at.stopped; }
 
-Int robot_outputs(void) { return 3 * M->joints->motors + 6 * M->frames + 3 * M->tips; }
+Int robot_outputs(void) { return 3 * M->joints->motors + 6 * M->frames + 3 * M->tips + M->beams; }
 
 /* log(R) of R by rows, rad: by the quaternion, whose largest component is divided by */
 static void rotation_vector(const double *R, double *out) {
@@ -175,9 +201,40 @@ static const double *read_tip(const double *eta, Int n, Int curved, const double
   return curved ? G + 3 * n * n : G;
 }
 
+/* Largest normal stress in magnitude, Pa: E (u' - y v'' - z w''), of fibres at stations; the rows behind
+   those of this beam. */
+static const double *read_stress(const double *eta, Int n, Int fibres, const double *rim,
+                                 const double *rows, double *out) {
+  *out = 0.0;
+  for (Int k = 0; k < STATIONS; k++, rows += 3 * n) {
+    double part[3] = {0.0, 0.0, 0.0};
+    for (int d = 0; d < 3; d++)
+      for (Int i = 0; i < n; i++) part[d] += rows[d * n + i] * eta[i];
+    for (Int f = 0; f < fibres; f++) {
+      double stress = part[0] + rim[2 * f] * part[1] + rim[2 * f + 1] * part[2];
+      if (fabs(stress) > *out) *out = fabs(stress);
+    }
+  }
+  return rows;
+}
+
+/* Poses, deflections and stresses at a pose. */
+static void read_pose(const Robot *r, const double *y, double *out) {
+  const double *rows = M->tip_rows, *stress = M->beam_rows, *rim = M->beam_rim;
+  pinflex_poses(&r->tables, r->work, 1, y, M->frames, M->frame_node, r->poses);
+  for (Int k = 0; k < M->frames; k++, out += 6)
+    read_frame(r->poses + 12 * k, M->frame_place + 12 * k, out);
+  for (Int k = 0; k < M->tips; k++, out += 3)
+    rows = read_tip(y + M->tip_at[k], M->tip_n[k], M->tip_curved[k], rows, out);
+  for (Int k = 0; k < M->beams; k++, out++) {
+    stress = read_stress(y + M->beam_at[k], M->beam_n[k], M->beam_fibres[k], rim, stress, out);
+    rim += 2 * M->beam_fibres[k];
+  }
+}
+
 void robot_read(const Robot *r, double *out) {
   const Stages *st = M->joints;
-  const double *y = r->rows.y, *rows = M->tip_rows;
+  const double *y = r->rows.y;
   Int nm = st->motors;
   for (Int k = 0; k < nm; k++) {
     const double *q = y + st->motor_q[k];
@@ -185,12 +242,35 @@ void robot_read(const Robot *r, double *out) {
     out[nm + k] = st->motor_paired[k] ? atan2(q[1], q[0]) : q[0];
     out[2 * nm + k] = r->rows.v[st->motor_v[k]];
   }
+  read_pose(r, y, out + 3 * nm);
+}
+
+static const double MOVED = 1e-6; /* rad or m: to both sides, whose difference errs by 1e-10 of itself */
+
+int robot_slope(Robot *r, const double *command, double *out) {
+  const Tables *t = M->tables;
+  const Stages *st = M->joints;
+  Int nm = st->motors, rest = robot_outputs() - 3 * nm;
+  double most = 0.0;
+  if (!r->twin) r->twin = robot_new();
+  Robot *w = r->twin;
+  if (!w) return 0;
+  robot_take(w, r);
+  Rows by = {.position = command, .velocity = command + nm, .feed = command + 2 * nm};
+  if (!st->prescribed) by.feed = command;
+  if (!pinflex_alpha_slope(&w->tables, w->work, &w->at, M->scale, &by, w->dy, w->dv, out)) return 0;
+  for (Int i = 0; i < t->nv; i++) most = fmax(most, fabs(w->dy[i]));
+  for (Int k = 0; k < nm; k++)
+    out[nm + k] = w->dy[st->motor_v[k]], out[2 * nm + k] = w->dv[st->motor_v[k]];
   out += 3 * nm;
-  pinflex_poses(&r->tables, r->work, 1, y, M->frames, M->frame_node, r->poses);
-  for (Int k = 0; k < M->frames; k++, out += 6)
-    read_frame(r->poses + 12 * k, M->frame_place + 12 * k, out);
-  for (Int k = 0; k < M->tips; k++, out += 3)
-    rows = read_tip(y + M->tip_at[k], M->tip_n[k], M->tip_curved[k], rows, out);
+  for (Int k = 0; k < rest; k++) out[k] = 0.0;
+  for (int side = -1; most > 0.0 && side <= 1; side += 2) {
+    for (Int i = 0; i < t->nv; i++) w->dv[i] = side * MOVED / most * w->dy[i];
+    retract(t, st, r->rows.y, w->dv, w->rows.y);
+    read_pose(w, w->rows.y, w->change);
+    for (Int k = 0; k < rest; k++) out[k] += side * w->change[k] * most / (2.0 * MOVED);
+  }
+  return 1;
 }
 
 /* An address in one block as it is in another. */
