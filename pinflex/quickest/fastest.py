@@ -24,7 +24,7 @@ from pinflex.quickest.programme import places
 from pinflex.quickest.response import Grid
 from pinflex.quickest.rigid import RigidPath
 from pinflex.quickest.robustness import Off, robustness
-from pinflex.quickest.search import Look, Search, Task, end_of, rigid_least
+from pinflex.quickest.search import Look, Search, Task, end_of, platform_speed, rigid_least
 from pinflex.quickest.settling import Settled, settled
 from pinflex.quickest.text import text
 from pinflex.quickest.variants import corners, variant
@@ -36,6 +36,7 @@ _A_PERIOD = 36  # steps that the lowest mode's period has: its phase is right to
 _EACH = (4, 16)  # steps in an interval
 _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
+_ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK = 6.0  # times a quintic's, where no jerk limit is known
 _FIRST = 3.0  # times as far from the end the nominal robot's search hands over to all robots'
 _RESTART = 0.05  # radius at the least, where more robots come in
@@ -144,7 +145,7 @@ def fastest(
     target: str | None = None,
     drive: str = "prescribed",
     intervals: int = _INTERVALS,
-    close: float = 6e-3,
+    close: float = 3e-3,
     progress: Callable[[str], None] | None = None,
 ) -> Fastest:
     """Find the shortest motion, from rest to rest, after which the platform does not shake.
@@ -250,7 +251,7 @@ def _task(
     start = fitted(quintic(**make, duration=slow), far, intervals, limits.jumps)
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
-    first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow))
+    first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow), _ROUGH)
     rest = np.array([rest_of(x, path) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     every = tuple(models.values())
@@ -423,6 +424,7 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
             "acceleration along the path": np.abs(a) / limits.acceleration,
             "jerk along the path": np.repeat(jerk, 8) / limits.jerk}  # fmt: skip
     turn, torque = task.rigid[0].motor_speed(s) * v[:, None], run.torque[inside]
+    used["speed of the platform"] = platform_speed(task, run, T)
     if task.pushed:  # as they are asked for: a run's are read between its steps
         torque = task.rigid[0].torque(s, v, a)[0]
     for k, name in enumerate(task.models[0].motors):

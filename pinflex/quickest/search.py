@@ -14,7 +14,7 @@ import numpy as np
 
 from pinflex.actuation.motors import motor_axes
 from pinflex.advice.solve import solve
-from pinflex.arrays import Array
+from pinflex.arrays import Array, BoolArray
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
@@ -26,13 +26,15 @@ from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
 
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
-_POOR = 0.7  # of what a step hopes for: less of it is corrected once
+_POOR = 0.5  # of what a step hopes for: less of it is corrected once
 _BEST = 1e-5  # of the duration: a step that gains less is the last
 _RIGID_STEPS, _RADII = 60, (1e-4, 0.1)
 _COARSE = 0.02  # of the first shake: what matters beside a duration until it is gone
 _FINER, _JUMPY = 4, 1e-5  # steps for each instant; the tolerance where acceleration jumps
-_OVER = 1e-3  # of a torque limit: between instants and by what equal steps miss
+_OVER = 3e-3  # of a torque limit: between instants and by what equal steps miss
 _LEAST_ROOM, _ROOM = 1e-4, 1e-2  # of a torque limit, for what it is off between instants
+_FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
+_FAST = 0.9  # of it, from which that is looked at
 _BAND = 0.97  # of the band that a step aims at
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
@@ -69,7 +71,7 @@ class Task:
         return {"drive": "torque", "kp": 0.0, "kd": 0.0} if self.pushed else {}
 
 
-def rigid_least(rigid: RigidPath, limits: Limits, first: Profile) -> Profile:
+def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = _BEST) -> Profile:
     """The rigid robot's least time under the limits: no inputs but poses, and fast."""
     n = first.n
     u = (np.arange(_POINTS * n) + 0.5) / (_POINTS * n)
@@ -95,7 +97,7 @@ def rigid_least(rigid: RigidPath, limits: Limits, first: Profile) -> Profile:
         radius = 2.0 * radius if gain > 0.0 else 0.3 * radius
         if gain > 0.0:
             now, tau, by, worth = after, new, new_by, worth - gain
-        if radius < _RADII[0] or 0.0 <= gain < _BEST * now.duration:
+        if radius < _RADII[0] or 0.0 <= gain < best * now.duration:
             break
     return now
 
@@ -110,6 +112,7 @@ class Look:
         place: Of each platform from rest after it, (models, instants, 3).
         ends: Of a box: each axis of platform, then of motors that push: how far from rest at the
             end and how fast, (models, axes, 2).
+        speed: Largest speed of the platform over its limit, where the path is one of its places.
         push: Largest torque over its limit. shake: Largest distance from rest over the band.
     """
 
@@ -118,19 +121,20 @@ class Look:
     torque: Array
     place: Array
     ends: Array
+    speed: float
     push: float
     shake: float
 
     def cost(self, duration: float, unit: float) -> float:
         """What the programme has as its cost, of a duration and a unit of shake in bands."""
         more = programme.SHAKE * max(self.shake - 1.0, 0.0) / unit
-        more += programme.PUSH * max(self.push - 1.0, 0.0)
+        more += programme.PUSH * max(self.push - 1.0, self.speed / (1.0 + _FASTER) - 1.0, 0.0)
         return self.profile.duration / duration + more
 
     @property
     def kept(self) -> bool:
         """Whether limits and band are."""
-        return self.push <= 1.0 + _OVER and self.shake <= 1.0
+        return self.push <= 1.0 + _OVER and self.shake <= 1.0 and self.speed <= 1.0 + _FASTER
 
 
 def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
@@ -159,10 +163,22 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
             for (model, run, rest), path in zip(each, task.rigid, strict=True)
         ])  # fmt: skip
         shake = float(np.max(np.abs(ends) / task.box))
-    return Look(profile, runs, torque, place[:, 1::2], ends, push, shake)
+    speed = float(platform_speed(task, runs[0], profile.duration).max())
+    return Look(profile, runs, torque, place[:, 1::2], ends, speed, push, shake)
 
 
-def _place(model: Mechanism, run: Result, at: slice) -> Array:
+def platform_speed(task: Task, run: Result, end: float) -> Array:
+    """Speeds of the nominal platform until the end over that limit; 0 where it is none."""
+    far = float(np.linalg.norm([task.moves.get(axis, 0.0) for axis in "xyz"]))
+    if task.target != "platform" or far == 0.0 or not np.isfinite(task.limits.speed):
+        return np.zeros(1)
+    inside = run.t <= end
+    place = _place(task.models[0], run, inside)
+    rate = np.linalg.norm(np.gradient(place, run.t[inside], axis=0), axis=1)
+    return np.asarray(rate / (far * task.limits.speed))
+
+
+def _place(model: Mechanism, run: Result, at: slice | BoolArray) -> Array:
     """Of the platform at some samples [m], (k, 3)."""
     frame = model.frame(str(model.description.platform))
     return frame_poses(Equations(model.flexible), states(run)[0][at], frame)[1]
@@ -197,7 +213,7 @@ class Search:
     task: Task
     grid: Grid
     tell: Callable[[Look], None]
-    radius: float = 0.1
+    radius: float = 0.05
     unit: float = 1.0
 
     def go(self, first: Profile, steps: int, close: float) -> Look:
@@ -206,6 +222,7 @@ class Search:
         self.unit = unit = max(1.0, _COARSE * now.shake)
         best = now if now.kept else None
         fresh: list[Response] = []
+        stuck = 0
         for _ in range(steps):
             self.tell(now)
             fresh = fresh or self._responses(now)
@@ -223,9 +240,13 @@ class Search:
                 self.radius = min(2.0 * self.radius, 2.0)
             if new.kept and (best is None or new.profile.duration < best.profile.duration):
                 best = new
-            if gain > 0.1 * hoped:
+            stuck = 0 if gain > 0.1 * hoped else stuck + 1
+            if not stuck:
                 now, fresh = new, []
-            if (hoped < close and best is not None) or self.radius < _RADII[0]:
+            if (hoped < close and now.kept) or self.radius < _RADII[0]:
+                break
+            near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
+            if stuck > 1 and near:
                 break
         return best or now
 
@@ -269,6 +290,8 @@ class Search:
         torque, place, ends = now.torque + off, now.place + away, now.ends + astray
         rows, most = programme.Rows(len(here.x)), limits.torque.tolist()
         programme.of_path(rows, here, limits, task.rigid[0])
+        if now.speed > _FAST:
+            programme.calm_rows(rows, here, limits.speed, now.speed / (1.0 + 0.6 * _FASTER))
         if task.pushed:
             B = basis(here.ends, here.jumps, programme.places(here))
             asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
