@@ -24,7 +24,7 @@ from pinflex.quickest.programme import places
 from pinflex.quickest.response import Grid
 from pinflex.quickest.rigid import RigidPath
 from pinflex.quickest.robustness import Off, robustness
-from pinflex.quickest.search import Look, Search, Task, end_of, platform_speed, rigid_least
+from pinflex.quickest.search import RESTART, Look, Search, Task, end_of, platform_speed, rigid_least
 from pinflex.quickest.settling import Settled, settled
 from pinflex.quickest.text import text
 from pinflex.quickest.variants import corners, variant
@@ -32,14 +32,14 @@ from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
 _INTERVALS = 40  # of constant jerk
-_A_PERIOD = 36  # steps that the lowest mode's period has: its phase is right to 0.3 %
+_A_PERIOD = 28  # steps that the lowest mode's period has: its phase is right to 0.5 %
 _EACH = (4, 16)  # steps in an interval
 _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
 _ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK = 6.0  # times a quintic's, where no jerk limit is known
+_RETRIES = 1  # of the nominal robot's search with a wide radius
 _FIRST = 3.0  # times as far from the end the nominal robot's search hands over to all robots'
-_RESTART = 0.05  # radius at the least, where more robots come in
 _STEPS = 30  # at the most
 DRIVES = ("prescribed", "torque")
 _FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
@@ -320,9 +320,9 @@ def _searched(
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
     search = Search(alone, grid, told)
-    found = search.go(first, _STEPS, _FIRST * close if many else close)
+    found = search.go(first, _STEPS, *((_FIRST * close,) if many else (close, _RETRIES)))
     if many:
-        search = Search(task, grid, told, max(search.radius, _RESTART))
+        search = Search(task, grid, told, max(search.radius, RESTART))
         found = search.go(found.profile, _STEPS, close)
     if task.pushed and found.kept:
         found = _refined(Search(task, grid, told), found, close)
@@ -424,7 +424,7 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
             "acceleration along the path": np.abs(a) / limits.acceleration,
             "jerk along the path": np.repeat(jerk, 8) / limits.jerk}  # fmt: skip
     turn, torque = task.rigid[0].motor_speed(s) * v[:, None], run.torque[inside]
-    used["speed of the platform"] = platform_speed(task, run, T)
+    used["speed of the platform"] = platform_speed(task, run, T)[1]
     if task.pushed:  # as they are asked for: a run's are read between its steps
         torque = task.rigid[0].torque(s, v, a)[0]
     for k, name in enumerate(task.models[0].motors):

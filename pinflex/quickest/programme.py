@@ -81,14 +81,6 @@ def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> N
             rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * one)
 
 
-def calm_rows(rows: Rows, profile: Profile, most: float, swings: float) -> None:
-    """Speed along the path below its limit by as much as the platform is faster than that."""
-    v = basis(profile.ends, profile.jumps, places(profile))[1]
-    along = np.abs(v @ profile.x).max() / profile.duration / most  # of the limit
-    calm = most * min(along / swings, 1.0)
-    rows.both(v, v @ profile.x, calm * profile.duration, calm * np.ones(len(v)), slack=-1)
-
-
 def solved(
     rows: Rows, profile: Profile, limits: Limits, radius: float, longest: float
 ) -> tuple[Profile, float]:

@@ -25,7 +25,7 @@ from pinflex.integrators.collocation import generalized_alpha
 from pinflex.kernel.linear import entries_of, linear_systems
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import frame_jacobian
+from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.profile import Profile, basis
 from pinflex.quickest.rigid import RigidPath
@@ -80,10 +80,12 @@ class Response(NamedTuple):
         torque: Of the motors before the end, (instants, nm, numbers + 1).
         platform: Place of the platform after it, then of motors that push, (instants, axes,
             numbers + 1).
+        rate: Speed of the platform along a direction before it, (instants, numbers + 1).
     """
 
     torque: Array
     platform: Array
+    rate: Array
 
 
 class _System(NamedTuple):
@@ -97,13 +99,14 @@ class _System(NamedTuple):
 
 def response(
     mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool,
-    pushed: RigidPath | None = None,
+    pushed: RigidPath | None = None, far: Array | None = None,
 ) -> Response:  # fmt: skip
     """Derivatives about a run of a profile; torques only where `forces`.
 
-    `pushed`: the path of the robot whose rigid torques the motors push with.
+    `pushed`: the path of the robot whose rigid torques the motors push with. `far`: displacement of
+    a platform on a straight line, (3,), along which its speed is looked at.
     """
-    return _March(mechanism, along, run, profile, grid, pushed).go(forces)
+    return _March(mechanism, along, run, profile, grid, pushed).go(forces, far)
 
 
 def states(run: Result) -> tuple[Array, Array, Array]:
@@ -140,7 +143,7 @@ class _March:
             np.stack([first, 0.0 * first, 0.0 * first], axis=2),
         )
 
-    def go(self, forces: bool) -> Response:
+    def go(self, forces: bool, far: Array | None) -> Response:
         """March."""
         system, grid, sc, h = self.mechanism.flexible, self.grid, self.scheme, self.h
         free, motors = system.free, system.motors
@@ -152,6 +155,16 @@ class _March:
         if self.push is not None:
             platform = np.vstack([platform, np.eye(system.nv)[motors]])
         place = np.zeros((grid.after, len(platform), numbers + 1))
+        rate, ahead = np.zeros((0, numbers + 1)), np.zeros((0, n))
+        if far is not None:
+            size = float(np.linalg.norm(far))
+            frame = self.mechanism.frame(str(self.mechanism.description.platform))
+            here = self.dynamics.kinematics(self.y[: grid.moving])
+            J = Frame(self.dynamics.model, frame).jacobian(here)[:, :3, free]
+            ahead = np.einsum("i,kin->kn", far / size, J)
+            rate = np.zeros((grid.moving, numbers + 1))
+            rate[:, :-1] = size / self.T * self.shape[1, : grid.moving]  # the rigid robot's
+            rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving, free]) / self.T
         d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
         for k, now, step in self._systems(free):
             M, C, K, J = (now.M[:, free], now.C[:, free], now.K[:, free], now.J[:, free])
@@ -165,6 +178,8 @@ class _March:
             ds, lam = x[:n], x[n:]
             s, a = s + ds, sc.mass_factor * ds
             d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
+            if k < len(rate):
+                rate[k] += ahead[k] @ v
             if k >= grid.moving:
                 place[k - grid.moving] = platform @ d
             elif forces and self.push is not None:
@@ -172,7 +187,7 @@ class _March:
             elif forces:
                 torque[k] = load[motors] + M[motors] @ a + C[motors] @ v + K[motors] @ d
                 torque[k] -= now.J[:, motors].T @ lam
-        return Response(torque, place)
+        return Response(torque, place, rate)
 
     def _load(self, k: int, now: _System) -> tuple[Array, Array]:
         """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""

@@ -25,6 +25,7 @@ from pinflex.quickest.response import Grid, Response, response, states
 from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
 
+_ROUND = 1e-12  # of a duration: round-off
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
 _POOR = 0.5  # of what a step hopes for: less of it is corrected once
 _BEST = 1e-5  # of the duration: a step that gains less is the last
@@ -36,6 +37,7 @@ _LEAST_ROOM, _ROOM = 1e-4, 1e-2  # of a torque limit, for what it is off between
 _FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
 _FAST = 0.9  # of it, from which that is looked at
 _BAND = 0.97  # of the band that a step aims at
+RESTART = 0.05  # radius at the least, where a search begins anew
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
 
@@ -66,9 +68,26 @@ class Task:
     pushed: bool = False
 
     @property
+    def far(self) -> Array | None:
+        """Displacement of a platform whose speed is limited [m], (3,); else None."""
+        far = np.array([self.moves.get(axis, 0.0) for axis in "xyz"])
+        straight = self.target == "platform" and np.any(far) and not self.pushed
+        return far if straight and np.isfinite(self.limits.speed) else None
+
+    @property
     def drive(self) -> dict[str, Any]:
         """How runs have motors driven."""
         return {"drive": "torque", "kp": 0.0, "kd": 0.0} if self.pushed else {}
+
+
+@dataclass(frozen=True)
+class _Bent:
+    """What a programme did not foresee of a step: of torques, rates, places and ends of a look."""
+
+    torque: Array | float = 0.0
+    rates: Array | float = 0.0
+    place: Array | float = 0.0
+    ends: Array | float = 0.0
 
 
 def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = _BEST) -> Profile:
@@ -112,7 +131,8 @@ class Look:
         place: Of each platform from rest after it, (models, instants, 3).
         ends: Of a box: each axis of platform, then of motors that push: how far from rest at the
             end and how fast, (models, axes, 2).
-        speed: Largest speed of the platform over its limit, where the path is one of its places.
+        rates: Of the nominal platform along a path of its places before the end, over that limit,
+            (instants,). speed: Largest speed of it, likewise.
         push: Largest torque over its limit. shake: Largest distance from rest over the band.
     """
 
@@ -121,6 +141,7 @@ class Look:
     torque: Array
     place: Array
     ends: Array
+    rates: Array
     speed: float
     push: float
     shake: float
@@ -128,7 +149,8 @@ class Look:
     def cost(self, duration: float, unit: float) -> float:
         """What the programme has as its cost, of a duration and a unit of shake in bands."""
         more = programme.SHAKE * max(self.shake - 1.0, 0.0) / unit
-        more += programme.PUSH * max(self.push - 1.0, self.speed / (1.0 + _FASTER) - 1.0, 0.0)
+        over = max(self.push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
+        more += programme.PUSH * over
         return self.profile.duration / duration + more
 
     @property
@@ -163,19 +185,22 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
             for (model, run, rest), path in zip(each, task.rigid, strict=True)
         ])  # fmt: skip
         shake = float(np.max(np.abs(ends) / task.box))
-    speed = float(platform_speed(task, runs[0], profile.duration).max())
-    return Look(profile, runs, torque, place[:, 1::2], ends, speed, push, shake)
+    rates, fast = platform_speed(task, runs[0], profile.duration)
+    speed = float(fast.max())
+    return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed, push, shake)
 
 
-def platform_speed(task: Task, run: Result, end: float) -> Array:
-    """Speeds of the nominal platform until the end over that limit; 0 where it is none."""
-    far = float(np.linalg.norm([task.moves.get(axis, 0.0) for axis in "xyz"]))
-    if task.target != "platform" or far == 0.0 or not np.isfinite(task.limits.speed):
-        return np.zeros(1)
-    inside = run.t <= end
+def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
+    """Speed of the nominal platform along the path, and all of it, until the end over that limit.
+
+    0 where there is none.
+    """
+    inside = run.t <= end * (1.0 + _ROUND)
+    if (far := task.far) is None:
+        return np.zeros_like(run.t[inside]), np.zeros_like(run.t[inside])
     place = _place(task.models[0], run, inside)
-    rate = np.linalg.norm(np.gradient(place, run.t[inside], axis=0), axis=1)
-    return np.asarray(rate / (far * task.limits.speed))
+    rate = np.gradient(place, run.t[inside], axis=0) / (np.linalg.norm(far) * task.limits.speed)
+    return rate @ far / np.linalg.norm(far), np.linalg.norm(rate, axis=1)
 
 
 def _place(model: Mechanism, run: Result, at: slice | BoolArray) -> Array:
@@ -216,8 +241,11 @@ class Search:
     radius: float = 0.05
     unit: float = 1.0
 
-    def go(self, first: Profile, steps: int, close: float) -> Look:
-        """The best profile found; over when a step hopes for less than `close` of the duration."""
+    def go(self, first: Profile, steps: int, close: float, retries: int = 0) -> Look:
+        """The best profile found; over when a step hopes for less than `close` of the duration.
+
+        Then it tries a wide radius again, some times: runs bend, and a small one is soon at home.
+        """
         now, T = self._look(first), first.duration
         self.unit = unit = max(1.0, _COARSE * now.shake)
         best = now if now.kept else None
@@ -226,7 +254,7 @@ class Search:
         for _ in range(steps):
             self.tell(now)
             fresh = fresh or self._responses(now)
-            new, foreseen = self._next(now, fresh, None)
+            new, foreseen = self._next(now, fresh, _Bent())
             slack = foreseen - 1.0 - (new.profile.duration / now.profile.duration - 1.0)
             hoped = now.cost(T, unit) - (new.profile.duration / T + slack)
             if now.cost(T, unit) - new.cost(T, unit) < _POOR * hoped:
@@ -243,11 +271,12 @@ class Search:
             stuck = 0 if gain > 0.1 * hoped else stuck + 1
             if not stuck:
                 now, fresh = new, []
-            if (hoped < close and now.kept) or self.radius < _RADII[0]:
-                break
+            over = (hoped < close and now.kept) or self.radius < _RADII[0]
             near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
-            if stuck > 1 and near:
-                break
+            if over or (stuck > 1 and near):
+                if not retries or self.radius >= RESTART:
+                    break
+                retries, stuck, self.radius = retries - 1, 0, RESTART
         return best or now
 
     def _look(self, profile: Profile) -> Look:
@@ -262,12 +291,14 @@ class Search:
         each = zip(task.models, task.rigid, now.runs, strict=True)
         pushed = task.rigid[0] if task.pushed else None
         return [
-            response(model, rigid, run, now.profile, self.grid, k == 0, pushed)
+            response(
+                model, rigid, run, now.profile, self.grid, k == 0, pushed, None if k else task.far
+            )
             for k, (model, rigid, run) in enumerate(each)
         ]
 
-    def _bend(self, now: Look, fresh: list[Response], new: Look) -> tuple[Array, Array, Array]:
-        """What the programme did not foresee of a step: of torques, of places, of ends.
+    def _bend(self, now: Look, fresh: list[Response], new: Look) -> _Bent:
+        """What the programme did not foresee of a step.
 
         Source: second-order corrections, Fletcher (1982), Math. Prog. Study 17.
         """
@@ -280,18 +311,23 @@ class Search:
             h = self.grid.step * T
             ends = ends - [programme.ends_by(by.platform, e, h, T) @ step
                            for by, e in zip(fresh, now.ends, strict=True)]  # fmt: skip
-        return new.torque - now.torque - fresh[0].torque @ step, new.place - place, ends
+        torque = new.torque - now.torque - fresh[0].torque @ step
+        rates = np.zeros(0)
+        if (far := self.task.far) is not None:
+            most = float(np.linalg.norm(far)) * self.task.limits.speed
+            rates = new.rates - now.rates - fresh[0].rate @ step / most
+        return _Bent(torque, rates, new.place - place, ends)
 
-    def _next(
-        self, now: Look, fresh: list[Response], bent: tuple[Array, Array, Array] | None
-    ) -> tuple[Look, float]:
+    def _next(self, now: Look, fresh: list[Response], bent: _Bent) -> tuple[Look, float]:
         task, limits, here = self.task, self.task.limits, now.profile
-        off, away, astray = (0.0, 0.0, 0.0) if bent is None else bent
-        torque, place, ends = now.torque + off, now.place + away, now.ends + astray
+        torque, place, ends = now.torque + bent.torque, now.place + bent.place, now.ends + bent.ends
         rows, most = programme.Rows(len(here.x)), limits.torque.tolist()
         programme.of_path(rows, here, limits, task.rigid[0])
-        if now.speed > _FAST:
-            programme.calm_rows(rows, here, limits.speed, now.speed / (1.0 + 0.6 * _FASTER))
+        if task.far is not None:
+            near = np.abs(now.rates) > _FAST
+            most_of = float(np.linalg.norm(task.far)) * limits.speed
+            rates = (now.rates + bent.rates)[near]
+            rows.both(fresh[0].rate[near] / most_of, rates, 1.0 + 0.5 * _FASTER, slack=-1)
         if task.pushed:
             B = basis(here.ends, here.jumps, programme.places(here))
             asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
