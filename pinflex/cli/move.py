@@ -29,11 +29,14 @@ where it comes to rest: linear programmes about coupled runs of the flexible rob
 themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk);
 --robust asks that the same motion leaves a heavier and a lighter robot as still; --baselines puts
 the usual profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off
-do.""",
+do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML or JSON): the
+same path as fast as the limits of the rigid robot allow, shaped if --shaper says so.""",
         "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     )
     parser.repeated(p, "--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI")
-    p.add_argument("--settle", type=_length, required=True, metavar="X",
+    p.add_argument("--robot", metavar="ROBOT", help="retime the trajectory MODEL for this robot")
+    p.add_argument("--shaper", choices=("zv", "zvd", "ei"), help="shape what --robot retimes")
+    p.add_argument("--settle", type=_length, metavar="X",
                    help="distance from rest that is still, such as 50um")  # fmt: skip
     for name, text in (
         ("speed", "speed of what moves, m/s or rad/s"), ("acceleration", "its acceleration, SI"),
@@ -88,9 +91,15 @@ def run(args: argparse.Namespace) -> int:
     from pinflex.quickest.limits import of_motion
     from pinflex.quickest.text import text
 
+    if args.robot:
+        return _retimed(args)
+    if args.shaper:
+        raise DescriptionError("--shaper: it goes with --robot. --baselines has all shapers.")
     to, robust = _pairs(args.to, "to"), _pairs(args.robust, "robust")
     if not to:
         raise DescriptionError("--to: say what moves, such as --to x=0.3.")
+    if args.settle is None:
+        raise DescriptionError("--settle: say within what the platform is still, such as 50um.")
     if args.plot:
         from pinflex.viewer.plots.drawing import check_figure
 
@@ -119,25 +128,66 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _retimed(args: argparse.Namespace) -> int:
+    """The same path in the least time that one factor on it allows."""
+    from pinflex.inversion.retime import retime
+    from pinflex.text import number, paragraph, report, table
+
+    for option in ("to", "settle", "like", "robust", "baselines", "off", "plot"):
+        if getattr(args, option):
+            raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
+    writable(args.output)
+    path, args.model = args.model, args.robot
+    mechanism = load_model(args)
+    given = {"velocity": args.speed, "acceleration": args.acceleration, "jerk": args.jerk,
+             "effort": args.torque}  # fmt: skip
+    limits = {key: value for key, value in given.items() if value is not None}
+    found = retime(mechanism, path, limits or None, shaper=args.shaper)
+    files = _sent(args, mechanism, found.motion)
+    if args.json:
+        print_json({"name": mechanism.name, "duration": found.motion.duration,
+                    "factor": found.factor, "held_by": found.held_by, "shares": found.shares,
+                    "off_path": found.off_path, "files": [str(x) for x in files]})  # fmt: skip
+        return 0
+    bent = f" It leaves the path by {found.off_path:.3g} rad or m." if args.shaper else ""
+    head = (
+        f"{mechanism.name}: {path} takes {found.motion.duration:.4g} s, {found.factor:.4g} of the "
+        f"time that it had. Held there by the {found.held_by}.{bent} Torques are the rigid "
+        "robot's; `pinflex solve` tells what links add."
+    )
+    rows = [[f"{quantity} of {name}", number(100 * share)]
+            for quantity, by_motor in found.shares.items()
+            for name, share in by_motor.items()]  # fmt: skip
+    most = table("Largest use of each limit", "limit|used [%]", rows, (36,))
+    print(report(paragraph(head), most), end="")
+    say_written(files, "-o FILE.csv")
+    return 0
+
+
+def _sent(args: argparse.Namespace, mechanism: Any, motion: Any) -> list[Path]:
+    """The motion of the motors, as a controller takes it."""
+    if not args.output:
+        return []
+    path = Path(args.output)
+    if path.suffix.lower() in (".yaml", ".yml", ".json"):
+        motion.to_joint_trajectory(path, robot=mechanism)
+    else:
+        motion.to_csv(path, robot=mechanism)
+    return [path]
+
+
 def _written(
     args: argparse.Namespace, mechanism: Any, found: Any, rows: tuple[Any, ...]
 ) -> list[Path]:
     """The figure and the table that are asked for."""
-    files = []
+    files: list[Path] = []
     if args.plot:
         from pinflex.studies.figures.plot_fastest import figure
         from pinflex.viewer.plots.drawing import save
 
         files.append(Path(args.plot))
         save(figure(found, rows).axes, args.plot)
-    if args.output:
-        path = Path(args.output)
-        if path.suffix.lower() in (".yaml", ".yml", ".json"):
-            found.motion.to_joint_trajectory(path, robot=mechanism)
-        else:
-            found.motion.to_csv(path, robot=mechanism)
-        files.append(path)
-    return files
+    return files + _sent(args, mechanism, found.motion)
 
 
 def _numbers(found: Any, rows: tuple[Any, ...], off: tuple[Any, ...]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import pinflex as pf
+from pinflex.__main__ import main
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.quickest.limits import limits_of
 from pinflex.quickest.profile import Profile, basis, even, fitted
@@ -164,3 +165,19 @@ def test_what_makes_no_motion_is_refused(two):
             pf.fastest(two, {"drive": 1.0}, settle=1e-3, limits=given)
     with pytest.raises(pf.DescriptionError, match="nothing moves"):
         pf.fastest(two, {"drive": 0.0}, settle=1e-3)
+
+
+def test_a_trajectory_is_retimed_from_the_shell(two, tmp_path, capsys):
+    """One unit by a quintic, at most 0.5 a second: T = 1.875 / 0.5, and its CSV comes back so."""
+    plan, out = tmp_path / "plan.csv", tmp_path / "fast.csv"
+    pf.quintic(joints={"drive": 1.0}, duration=9.0).to_csv(plan, 100, two)
+    model = tmp_path / "two.yaml"
+    (tmp_path / "two.urdf").write_text(TWO)
+    model.write_text(YAML)
+    asked = ["move", str(plan), "--robot", str(model), "--speed", "0.5"]
+    assert main([*asked, "--torque", "9", "-o", str(out)]) == 0
+    assert "velocity of drive" in capsys.readouterr().out
+    # rows of 0.01 s are joined by quintics, and the last row is the first one after the end
+    assert pf.trajectory(out).duration == pytest.approx(1.875 / 0.5, abs=2e-3)
+    assert main([*asked, "--settle", "1um"]) == 2
+    assert "--settle: not with --robot" in capsys.readouterr().err
