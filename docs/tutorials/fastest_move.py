@@ -77,17 +77,17 @@ from pinflex.quickest.limits import of_motion
 delta = pf.load("delta")
 to = {"x": 0.305, "y": 0, "z": 0}
 limits = of_motion(delta, pf.quintic(platform=to, duration=0.3))
-move = pf.fastest(delta, to, settle=50e-6, limits=limits, close=4e-3)
+move = pf.fastest(delta, to, settle=50e-6, limits=limits, close=5e-3)
 print(move)
 
 # %% [markdown]
-# Beside it, under the same limits: a jerk-limited profile, plain and with the zero-vibration
-# shaper. `move.baselines()` has twelve to twenty of them.
+# Beside it, under the same limits: jerk-limited profiles with the zero-vibration shaper, of one
+# mode and of two. `move.baselines()` has twelve to twenty usual motions.
 
 # %%
 from pinflex.quickest.baselines import baselines
 
-rows = baselines(move, profiles=("jerk-limited",), shapers=("", "zv"))
+rows = baselines(move, profiles=("jerk-limited",), shapers=("zv",))
 for row in rows:
     print(f"{row.name:24}ends {row.ends:.3f} s, still from {row.settled:.3f} s")
 move.plot(rows);

@@ -39,7 +39,7 @@ _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes l
 _ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK = 6.0  # times a quintic's, where no jerk limit is known
 _RETRIES = 1  # of the nominal robot's search with a wide radius
-_FIRST, _ALL = 6.0, 4.0  # times as far from the end do searches of it and of all robots stop
+_FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
 DRIVES = ("prescribed", "torque")
 _FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
@@ -145,7 +145,7 @@ def fastest(
     target: str | None = None,
     drive: str = "prescribed",
     intervals: int = _INTERVALS,
-    close: float = 5e-4,
+    close: float = 1.2e-3,
     progress: Callable[[str], None] | None = None,
 ) -> Fastest:
     """Find the shortest motion, from rest to rest, after which the platform does not shake.

@@ -72,18 +72,19 @@ def test_two_masses_take_the_published_least_time(two):
     assert force < 1.0 + 1e-5  # what the last step changed the duration by, over it
 
 
-@pytest.mark.parametrize("drive, most", [("torque", 5.70), ("prescribed", 6.45)])
-def test_one_input_leaves_five_springs_still(two, drive, most):
+@pytest.mark.parametrize("drive, most, n, close", [("torque", 5.70, 16, 1.6e-2),
+                                                   ("prescribed", 6.45, 24, 4e-3)])  # fmt: skip
+def test_one_input_leaves_five_springs_still(two, drive, most, n, close):
     """k from 0.9 to 1.1, ends within 0.01: linear programmes alone give 5.655 for a force."""
     found = pf.fastest(two, {"drive": 1.0}, settle={"position": 0.01, "speed": 0.01},
                        limits={"jerk": np.inf}, robust={"stiffness": [0.9, 1.1]}, drive=drive,
-                       intervals=16 if drive == "torque" else 24, close=8e-3)  # fmt: skip
+                       intervals=n, close=close)  # fmt: skip
     assert 4.3 < found.duration < most
     for k in (0.9, 0.95, 1.0, 1.05, 1.1):
         end, force = _ends(found.profile, k, drive == "torque")
         assert np.abs(end).max() < 0.01  # steps aim at 0.0099
         if k == 1.0:
-            assert force < 1.0 + 1e-3  # what a run of the nominal robot may show
+            assert force < 1.0 + 3e-3  # what a search lets a run be over, of 1 % that are asked
 
 
 def test_numbers_of_a_profile_are_its_polynomials():
