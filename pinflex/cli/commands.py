@@ -158,12 +158,15 @@ where it comes to rest: linear programmes about coupled runs of the flexible rob
 themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk);
 --robust asks that the same motion leaves a heavier and a lighter robot as still; --baselines puts
 the usual profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off
-do.""",
+do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML or JSON): the
+same path as fast as the limits of the rigid robot allow, shaped if --shaper says so.""",
     "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     (
         repeated("--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI"),
+        option("--robot", metavar="ROBOT", help="retime the trajectory MODEL for this robot"),
+        option("--shaper", choices=("zv", "zvd", "ei"), help="shape what --robot retimes"),
         parameter(
-            "settle", type=small_length, required=True, metavar="X",
+            "settle", type=small_length, metavar="X",
             help="distance from rest that is still, such as 50um",
         ),
         *(

@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -220,9 +221,15 @@ def run_move(args: argparse.Namespace) -> int:
     from pinflex.quickest.limits import of_motion
     from pinflex.quickest.text import text
 
+    if args.robot:
+        return _retimed(args)
+    if args.shaper:
+        raise DescriptionError("--shaper: it goes with --robot. --baselines has all shapers.")
     to, robust = _pairs(args.to, "to"), _pairs(args.robust, "robust")
     if not to:
         raise DescriptionError("--to: say what moves, such as --to x=0.3.")
+    if "settle" not in values(args):
+        raise DescriptionError("--settle: say within what the platform is still, such as 50um.")
     _check_files(args.plot, args.output)
     mechanism = load_model(args)
     limits: dict[str, Any] = {}
@@ -242,6 +249,51 @@ def run_move(args: argparse.Namespace) -> int:
     return answer(args, data, text(made, rows, off), files, "-o FILE.csv saves it")
 
 
+def _retimed(args: argparse.Namespace) -> int:
+    """The same path in the least time that one factor on it allows."""
+    for option in ("to", "like", "robust", "baselines", "off", "plot"):
+        if getattr(args, option):
+            raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
+    if "settle" in values(args):
+        raise DescriptionError("--settle: not with --robot, which keeps the path as it is.")
+    _check_files(args.output)
+    path, args.model = args.model, args.robot
+    mechanism = load_model(args)
+    typed = {"velocity": args.speed, "acceleration": args.acceleration, "jerk": args.jerk,
+             "effort": args.torque}  # fmt: skip
+    limits = {key: value for key, value in typed.items() if value is not None}
+    made = pf.retime(mechanism, path, limits or None, shaper=args.shaper)
+    bent = f" It leaves the path by {made.off_path:.3g} rad or m." if args.shaper else ""
+    head = (
+        f"{mechanism.name}: {path} takes {made.motion.duration:.4g} s, {made.factor:.4g} of the "
+        f"time that it had. Held there by the {made.held_by}.{bent} Torques are the rigid "
+        "robot's; `pinflex solve` tells what links add."
+    )
+    rows = [
+        (f"{quantity} of {name}", share)
+        for quantity, by_motor in made.shares.items()
+        for name, share in by_motor.items()
+    ]
+    most = table(
+        "Largest use of each limit", rows, ("limit", itemgetter(0)),
+        ("used [%]", lambda row: 100 * row[1]), names=(36,),
+    )  # fmt: skip
+    data = {"name": mechanism.name, "duration": made.motion.duration, "factor": made.factor,
+            "held_by": made.held_by, "shares": made.shares, "off_path": made.off_path}  # fmt: skip
+    files = _sent(args, mechanism, made.motion)
+    return answer(args, data, Report("retimed", (head, most)).text(), files, "-o FILE.csv saves it")
+
+
+def _sent(args: argparse.Namespace, mechanism: pf.Mechanism, motion: pf.Motion) -> list[str]:
+    """The motion of the motors, as a controller takes it."""
+    if not args.output:
+        return []
+    joint_trajectory = Path(args.output).suffix.lower() in _JOINT_TRAJECTORY
+    write = motion.to_joint_trajectory if joint_trajectory else motion.to_csv
+    write(args.output, robot=mechanism)
+    return [args.output]
+
+
 def _move_files(
     args: argparse.Namespace, mechanism: pf.Mechanism, made: Fastest, rows: Sequence[Any]
 ) -> list[str]:
@@ -253,13 +305,7 @@ def _move_files(
 
         files.append(args.plot)
         save(figure(made, rows).axes, args.plot)
-    if args.output:
-        joint_trajectory = Path(args.output).suffix.lower() in _JOINT_TRAJECTORY
-        motion = made.motion
-        write = motion.to_joint_trajectory if joint_trajectory else motion.to_csv
-        write(args.output, robot=mechanism)
-        files.append(args.output)
-    return files
+    return files + _sent(args, mechanism, made.motion)
 
 
 def _move_data(made: Fastest, rows: Sequence[Any], off: Sequence[Any]) -> dict[str, Any]:

@@ -12,18 +12,19 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, quintic
 from pinflex.doors import door
-from pinflex.errors import ConvergenceError, DescriptionError
+from pinflex.errors import ConvergenceError, DescriptionError, nearest
 from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.quickest.limits import Limits, limits_of, with_jerk
-from pinflex.quickest.profile import Profile, fitted
+from pinflex.quickest.profile import Profile, basis, fitted
+from pinflex.quickest.programme import places
 from pinflex.quickest.response import Grid
 from pinflex.quickest.rigid import RigidPath
 from pinflex.quickest.robustness import Off, robustness
-from pinflex.quickest.search import Look, Search, Task, rigid_least
+from pinflex.quickest.search import RESTART, Look, Search, Task, end_of, platform_speed, rigid_least
 from pinflex.quickest.settling import Settled, settled
 from pinflex.quickest.text import text
 from pinflex.quickest.variants import corners, variant
@@ -31,14 +32,20 @@ from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
 _INTERVALS = 40  # of constant jerk
-_A_PERIOD = 36  # steps that the lowest mode's period has: its phase is right to 0.3 %
+_A_PERIOD = 28  # steps that the lowest mode's period has: its phase is right to 0.5 %
 _EACH = (4, 16)  # steps in an interval
 _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
+_ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK = 6.0  # times a quintic's, where no jerk limit is known
-_FIRST = 3.0  # times as far from the end the nominal robot's search hands over to all robots'
-_RESTART = 0.05  # radius at the least, where more robots come in
+_RETRIES = 1  # of the nominal robot's search with a wide radius
+_FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
+DRIVES = ("prescribed", "torque")
+_FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
+_FINEST = 128  # steps in an interval of those that are looked at while refining
+_ROUNDS, _PARTS, _RADIUS = 5, 4, 1.0  # of refining; parts of an interval; the first step's radius
+_FINE = 0.05  # of `close`: what ends a search in finer intervals
 TOL = 1e-5  # of the runs that verify
 _BROKEN = 0.01  # of a limit: what drives and models are not known to
 
@@ -61,6 +68,8 @@ class Fastest:
         limits: Along the path and of the motors.
         runs: The coupled runs that verify, by name of the model; "nominal" is the first.
         motion: Usable in `pf.solve`.
+        box, ends: Where the end alone was asked for: the largest distance [m] and speed [m/s] of an
+            axis that is allowed there, and that was found, of all models; else None.
         frame: The platform. rest: Where that of the nominal robot comes to rest [m], shape (3,).
         steps: Linear programmes solved.
     """
@@ -84,6 +93,8 @@ class Fastest:
     frame: str
     rest: Array = field(repr=False)
     steps: int = 0
+    box: tuple[float, float] | None = None
+    ends: tuple[float, float] | None = None
 
     @property
     def shares_of_torque(self) -> float:
@@ -132,8 +143,9 @@ def fastest(
     limits: Mapping[str, Any] | None = None,
     robust: Mapping[str, float | Sequence[float]] | None = None,
     target: str | None = None,
+    drive: str = "prescribed",
     intervals: int = _INTERVALS,
-    close: float = 6e-3,
+    close: float = 1.2e-3,
     progress: Callable[[str], None] | None = None,
 ) -> Fastest:
     """Find the shortest motion, from rest to rest, after which the platform does not shake.
@@ -155,6 +167,10 @@ def fastest(
             0.2} (or factors, [0.8, 1.2]): the same motion must leave these robots still too; limits
             hold at the nominal one.
         target: "joints" or "platform"; default: what the names are of.
+        drive: prescribed: motors follow the motion. torque: they push with the torque that the
+            rigid nominal robot takes for it, without a controller; settle is then a position and a
+            speed, of each motor too, and intervals are cut about the instants at which a torque
+            goes from limit to limit.
         intervals: Of constant jerk.
         close: The search ends when a step hopes for less, as a share of the duration.
         progress: Called with a line of text after every step.
@@ -174,10 +190,29 @@ def fastest(
     for factors in corners(robust or {}):
         label = ", ".join(f"{kind} {100 * (x - 1):+.0f} %" for kind, x in factors.items())
         models[label] = variant(mechanism, factors)
-    task, first, bound = _task(target, moves, models, limits, settle, intervals)
+    pushed = _pushed(mechanism, drive, settle)
+    task, first, bound = _task(target, moves, models, limits, settle, intervals, pushed)
     grid, period = _grid(task, bound, intervals)
     found, steps = _searched(task, first, grid, close, progress or (lambda line: None))
     return _told(task, found, models, bound.duration, steps, period)
+
+
+def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:
+    """Whether motors push.
+
+    Raises:
+        DescriptionError: No such drive, or no box at the end for motors that nothing holds there.
+    """
+    if drive not in DRIVES:
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: drive: {drive}.{nearest(drive, DRIVES)}"
+        )
+    if drive == "torque" and not isinstance(settle, Mapping):
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: settle: with drive torque nothing holds the motors after "
+            "the end. Give {position: ..., speed: ...} of the end alone."
+        )
+    return drive == "torque"
 
 
 def _moves(
@@ -200,6 +235,7 @@ def _task(
     given: Mapping[str, Any] | None,
     settle: float | Mapping[str, float],
     intervals: int,
+    pushed: bool,
 ) -> tuple[Task, Profile, Profile]:
     """The task, a gentle profile to begin with, and the rigid robot's fastest."""
     mechanism = models["nominal"]
@@ -215,10 +251,11 @@ def _task(
     start = fitted(quintic(**make, duration=slow), far, intervals, limits.jumps)
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
-    first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow))
+    first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow), _ROUGH)
     rest = np.array([rest_of(x, path) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
-    return Task(target, moves, limits, band, tuple(models.values()), rigid, rest, box), first, bound
+    every = tuple(models.values())
+    return Task(target, moves, limits, band, every, rigid, rest, box, pushed), first, bound
 
 
 def _slowest(rigid: RigidPath, limits: Limits) -> float:
@@ -283,11 +320,12 @@ def _searched(
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
     search = Search(alone, grid, told)
-    found = search.go(first, _STEPS, _FIRST * close if many else close)
+    found = search.go(first, _STEPS, *((_FIRST * close,) if many else (close, _RETRIES)))
     if many:
-        found = Search(task, grid, told, max(search.radius, _RESTART)).go(
-            found.profile, _STEPS, close
-        )
+        search = Search(task, grid, told, max(search.radius, RESTART))
+        found = search.go(found.profile, _STEPS, _ALL * close)
+    if task.pushed and found.kept:
+        found = _refined(Search(task, grid, told), found, close)
     if not found.kept:
         raise ConvergenceError(
             f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "
@@ -297,34 +335,75 @@ def _searched(
     return found, steps
 
 
+def _refined(search: Search, found: Look, close: float) -> Look:
+    """The same with shorter intervals where a torque goes from limit to limit inside one."""
+    limits = search.task.limits
+    for _ in range(_ROUNDS):
+        profile = found.profile
+        B = basis(profile.ends, profile.jumps, places(profile))
+        tau = search.task.rigid[0].torque_by(B, profile.x, profile.duration)[0]
+        full = np.max(np.abs(tau) / limits.torque, axis=1).reshape(profile.n, -1) > _FULL
+        loose = ~full.all(axis=1)
+        if not 0 < np.sum(loose) <= _LOOSE * profile.n:
+            break
+        grid = replace(search.grid, each=min(_PARTS * search.grid.each, _FINEST))
+        search = replace(search, grid=grid, radius=_RADIUS)
+        finer = search.go(profile.split(loose, _PARTS), _STEPS, _FINE * close)
+        if not finer.kept:
+            break
+        found = finer
+        if finer.profile.duration > (1.0 - close) * profile.duration:
+            break
+    return found
+
+
 def _told(
     task: Task, found: Look, models: dict[str, Mechanism], bound: float, steps: int, period: float
 ) -> Fastest:
     """The result, from runs by a tolerance that know nothing of how the motion was found."""
     motion = found.profile.motion(task.target, task.moves)
+    T, how = found.profile.duration, dict(task.drive)
+    if task.limits.jumps:  # torques jump
+        how["asked"] = ("platform",)
     seen: dict[str, Settled] = {
-        name: settled(model, motion, rest, task.band, found.profile.duration, period, TOL)
+        name: settled(model, motion, rest, task.band, T, period, TOL,
+                      T if task.box else None, how)
         for (name, model), rest in zip(models.items(), task.rest, strict=True)
-    }
+    }  # fmt: skip
+    ends = None
+    if task.box is not None:
+        each = [
+            end_of(task, model, seen[name].run, path, -1, rest)
+            for (name, model), path, rest in zip(models.items(), task.rigid, task.rest, strict=True)
+        ]
+        far, fast = np.abs(each).max(axis=(0, 1)).tolist()
+        ends = far, fast
     worst = max(seen.values(), key=lambda x: x.residual)
     runs = {name: x.run for name, x in seen.items()}
     holds, shares = _active(task, found.profile, runs["nominal"])
-    _require_kept(task, worst.residual, shares)
+    _require_kept(task, worst.residual, ends, shares)
     return Fastest(
         task.models[0].name, task.target, task.moves, found.profile.duration,
         max(x.time for x in seen.values()), task.band, worst.residual, worst.bar, holds, shares,
         bound, task.limits, motion, runs, models, found.profile,
-        str(task.models[0].description.platform), task.rest[0], steps,
+        str(task.models[0].description.platform), task.rest[0], steps, task.box, ends,
     )  # fmt: skip
 
 
-def _require_kept(task: Task, residual: float, shares: Mapping[str, float]) -> None:
+def _require_kept(
+    task: Task, residual: float, ends: tuple[float, float] | None, shares: Mapping[str, float]
+) -> None:
     """Refuse a motion that breaks band or limits in the finer runs that verify it."""
     where = f"{task.models[0].name}: fastest: the motion found, run again at {TOL:g},"
     if task.box is None and residual > task.band:
         raise ConvergenceError(
             f"{where} shakes by {1e6 * residual:.4g} um, {1e6 * task.band:.4g} were asked for. "
             f"Give more `intervals` than {_INTERVALS}, or a slightly smaller `settle`."
+        )
+    if task.box is not None and ends is not None and np.any(np.array(ends) > task.box):
+        raise ConvergenceError(
+            f"{where} ends {ends[0]:.4g} from rest at {ends[1]:.4g} a second; {task.box[0]:.4g} "
+            f"and {task.box[1]:.4g} were asked for. Give more `intervals` than {_INTERVALS}."
         )
     name, most = max(shares.items(), key=lambda item: item[1], default=("", 0.0))
     if most > 1.0 + _BROKEN:
@@ -344,9 +423,12 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
     used = {"speed along the path": np.abs(v) / limits.speed,
             "acceleration along the path": np.abs(a) / limits.acceleration,
             "jerk along the path": np.repeat(jerk, 8) / limits.jerk}  # fmt: skip
-    turn = task.rigid[0].motor_speed(s) * v[:, None]
+    turn, torque = task.rigid[0].motor_speed(s) * v[:, None], run.torque[inside]
+    used["speed of the platform"] = platform_speed(task, run, T)[1]
+    if task.pushed:  # as they are asked for: a run's are read between its steps
+        torque = task.rigid[0].torque(s, v, a)[0]
     for k, name in enumerate(task.models[0].motors):
-        used[f"torque of {name}"] = np.abs(run.torque[inside, k]) / limits.torque[k]
+        used[f"torque of {name}"] = np.abs(torque[:, k]) / limits.torque[k]
         used[f"speed of {name}"] = np.abs(turn[:, k]) / limits.motor_speed[k]
     shares = {name: float(x.max(initial=0.0)) for name, x in used.items() if np.any(x > 0.0)}
     time = {name: float(np.mean(used[name] > 0.98)) for name in shares}

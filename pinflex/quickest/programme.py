@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -24,6 +23,8 @@ SHAKE, PUSH = 0.3, 3.0  # what a band, and a torque limit, too much costs, in du
 
 
 _ALONG = 1.0 - 5e-4  # of the speed: it is highest between the places that are looked at
+_BOX = 0.99  # of a box at the end that a step aims at
+_BESIDE = 1e-7  # of an interval: how far inside its ends lie
 _NEAR = 0.4  # of a torque limit, below which a step does not reach it
 
 
@@ -56,21 +57,17 @@ class Rows:
         self.b.append((most - now)[some])
 
 
-@cache
-def _shape(n: int, jumps: bool) -> tuple[Array, Array, Array]:
-    """s, v and a by the numbers at ends of intervals, either side, and at quarters of them."""
-    beside = 1e-9
-    ends = np.arange(n + 1) / n
-    inside = [ends[:-1] + share / n for share in (0.25, 0.5, 0.75)]
-    u = np.sort(np.concatenate([ends[1:] - beside, ends[:-1] + beside, *inside]))
-    s, v, a = basis(n, jumps, u)
-    return s, v, a
+def places(profile: Profile) -> Array:
+    """u at both ends of every interval, just inside, and at quarters of it, rising."""
+    ends, long = profile.ends[:-1], np.diff(profile.ends)
+    inside = np.array([_BESIDE, 0.25, 0.5, 0.75, 1.0 - _BESIDE])
+    return np.asarray((ends[:, None] + long[:, None] * inside).ravel())
 
 
 def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> None:
     """Speed, acceleration and jerk along the path, speeds of the motors."""
     n, T, x = profile.n, profile.duration, profile.x
-    s, v, a = _shape(n, profile.jumps)
+    s, v, a = basis(profile.ends, profile.jumps, places(profile))
     one = np.ones(len(v))
     rows.both(v, v @ x, _ALONG * limits.speed * T, limits.speed * one)
     rows.both(a, a @ x, limits.acceleration * T**2, 2.0 * limits.acceleration * T * one)
@@ -101,7 +98,7 @@ def solved(
     scale[n:numbers] = np.abs(profile.x[n:]).max(initial=0.0)
     A = np.vstack(rows.A) * scale
     E = np.zeros((3, numbers + 3))
-    E[:, :numbers] = basis(n, profile.jumps, np.array([1.0]))[:, 0]
+    E[:, :numbers] = basis(profile.ends, profile.jumps, np.array([1.0]))[:, 0]
     e = np.array([1.0, 0.0, 0.0]) - E[:, :numbers] @ profile.x
     cost = np.zeros(numbers + 3)
     cost[numbers:] = 1.0 / T, SHAKE, PUSH
@@ -111,22 +108,29 @@ def solved(
     if found.status != 0:
         raise ConvergenceError(f"fastest: the linear programme: {found.message}")
     x = scale * found.x
-    after = Profile(n, profile.x + x[:numbers], T + x[numbers])
+    after = Profile(profile.ends, profile.x + x[:numbers], T + x[numbers])
     return after, 1.0 + float(cost @ found.x)
 
 
-def end_rows(
-    rows: Rows, by: Array, place: Array, step: float, duration: float, box: tuple[float, float],
-    unit: float,
-) -> None:  # fmt: skip
-    """Place and speed at the end within a box, of the first two instants after it."""
-    at, rate = np.array([1.5, -0.5]), np.array([-1.0, 1.0]) / step
-    for axis in range(3):
-        now, speed = at @ place[:2, axis], rate @ place[:2, axis]
-        by_speed = rate @ by[:2, axis]
-        by_speed[-1] -= speed / duration  # the same places later are a slower speed
-        for value, by_value, most in ((now, at @ by[:2, axis], box[0]), (speed, by_speed, box[1])):
-            rows.both(by_value[None], value[None], 0.99 * most, slack=-2, unit=unit * most)
+def ends_by(by: Array, ends: Array, step: float, duration: float) -> Array:
+    """Place and speed at the end, (axes, 2), by the numbers, (axes, 2, numbers + 1).
+
+    `by`: places at the first three instants after it, which lie half a step, one and a half, and
+    two and a half behind it: a parabola goes through.
+    """
+    extrapolated = np.array([[15.0, -10.0, 3.0], [-16.0 / step, 24.0 / step, -8.0 / step]]) / 8.0
+    found: Array = np.einsum("ij,jan->ain", extrapolated, by[:3])
+    found[:, 1, -1] -= ends[:, 1] / duration  # the same places later are a slower speed
+    return found
+
+
+def end_rows(rows: Rows, by: Array, ends: Array, box: tuple[float, float], unit: float) -> None:
+    """Place and speed at the end, (axes, 2), within a box."""
+    for now, by_number in zip(ends, by, strict=True):
+        if np.any(by_number):  # what never moves along an axis has nothing to keep
+            for value, by_value, most in zip(now, by_number, box, strict=True):
+                rows.both(by_value[None], np.array([value]), _BOX * most, slack=-2,
+                          unit=unit * most)  # fmt: skip
 
 
 def shake_rows(rows: Rows, by: Array, place: Array, band: float, unit: float) -> None:

@@ -7,6 +7,9 @@ About a run of the flexible robot, in scaled time u = t/T:
 with dy the rigid robot's change, which a change ds of the profile makes, and what links and joints
 add. A change of T at the same s(u) makes rates smaller: dr = -(2 M a + C v) dT/T. M, C, K and J are
 those of every instant of the run. All numbers are marched at once.
+
+Where motors push with the rigid robot's torque tau(s, s', s'') instead, they are free too, and the
+change of that torque is the load.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from pinflex.integrators.collocation import generalized_alpha
 from pinflex.kernel.linear import entries_of, linear_systems
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import frame_jacobian
+from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.profile import Profile, basis
 from pinflex.quickest.rigid import RigidPath
@@ -75,11 +78,14 @@ class Response(NamedTuple):
 
     Attributes:
         torque: Of the motors before the end, (instants, nm, numbers + 1).
-        platform: Place of the platform after it, (instants, 3, numbers + 1).
+        platform: Place of the platform after it, then of motors that push, (instants, axes,
+            numbers + 1).
+        rate: Speed of the platform along a direction before it, (instants, numbers + 1).
     """
 
     torque: Array
     platform: Array
+    rate: Array
 
 
 class _System(NamedTuple):
@@ -92,29 +98,42 @@ class _System(NamedTuple):
 
 
 def response(
-    mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool
-) -> Response:
-    """Derivatives about a run of a profile; torques only where `forces`."""
-    return _March(mechanism, along, run, profile, grid).go(forces)
+    mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool,
+    pushed: RigidPath | None = None, far: Array | None = None,
+) -> Response:  # fmt: skip
+    """Derivatives about a run of a profile; torques only where `forces`.
+
+    `pushed`: the path of the robot whose rigid torques the motors push with. `far`: displacement of
+    a platform on a straight line, (3,), along which its speed is looked at.
+    """
+    return _March(mechanism, along, run, profile, grid, pushed).go(forces, far)
+
+
+def states(run: Result) -> tuple[Array, Array, Array]:
+    """Coordinates, velocities and accelerations of all freedoms at the samples."""
+    y, v, a = (
+        np.hstack([run.array(key) for key in (rigid, elastic) if key in run.arrays])
+        for rigid, elastic in (("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a"))
+    )
+    return y, v, a
 
 
 class _March:
     """The alpha family's steps of all columns at once."""
 
     def __init__(
-        self, mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid
-    ) -> None:
+        self, mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid,
+        pushed: RigidPath | None,
+    ) -> None:  # fmt: skip
         self.mechanism, self.grid, self.T = mechanism, grid, profile.duration
         self.dynamics = Equations(mechanism.flexible)
         self.scheme, self.h = generalized_alpha(_RHO), grid.step * profile.duration
         at = slice(1, None, 2)
-        self.y, self.v, self.a = (
-            np.hstack([run.array(key)[at] for key in (rigid, elastic) if key in run.arrays])
-            for rigid, elastic in (("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a"))
-        )
+        self.y, self.v, self.a = (x[at] for x in states(run))
+        self.push = None if pushed is None else self._pushes(pushed, profile)
         self.t, self.lam = run.t[at], run.array("multiplier")[at]
-        self.shape = basis(profile.n, profile.jumps, grid.u)
-        s, v, a = basis(profile.n, profile.jumps, grid.u[: grid.moving + 1]) @ profile.x
+        self.shape = basis(profile.ends, profile.jumps, grid.u)
+        s, v, a = basis(profile.ends, profile.jumps, grid.u[: grid.moving + 1]) @ profile.x
         first, second, third = along(s)
         v, a, T = v[:, None], a[:, None], self.T
         # rigid acceleration, velocity and place by (s, ds/du, d^2s/du^2)
@@ -124,15 +143,29 @@ class _March:
             np.stack([first, 0.0 * first, 0.0 * first], axis=2),
         )
 
-    def go(self, forces: bool) -> Response:
+    def go(self, forces: bool, far: Array | None) -> Response:
         """March."""
         system, grid, sc, h = self.mechanism.flexible, self.grid, self.scheme, self.h
         free, motors = system.free, system.motors
+        if self.push is not None:
+            free = np.arange(system.nv)
         n, numbers = len(free), self.shape.shape[2]
         torque = np.zeros((grid.moving if forces else 0, len(motors), numbers + 1))
-        place = np.zeros((grid.after, 3, numbers + 1))
-        d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
         platform = self._platform()[:, free]
+        if self.push is not None:
+            platform = np.vstack([platform, np.eye(system.nv)[motors]])
+        place = np.zeros((grid.after, len(platform), numbers + 1))
+        rate, ahead = np.zeros((0, numbers + 1)), np.zeros((0, n))
+        if far is not None:
+            size = float(np.linalg.norm(far))
+            frame = self.mechanism.frame(str(self.mechanism.description.platform))
+            here = self.dynamics.kinematics(self.y[: grid.moving])
+            J = Frame(self.dynamics.model, frame).jacobian(here)[:, :3, free]
+            ahead = np.einsum("i,kin->kn", far / size, J)
+            rate = np.zeros((grid.moving, numbers + 1))
+            rate[:, :-1] = size / self.T * self.shape[1, : grid.moving]  # the rigid robot's
+            rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving, free]) / self.T
+        d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
         for k, now, step in self._systems(free):
             M, C, K, J = (now.M[:, free], now.C[:, free], now.K[:, free], now.J[:, free])
             load, gap = self._load(k, now)
@@ -145,22 +178,41 @@ class _March:
             ds, lam = x[:n], x[n:]
             s, a = s + ds, sc.mass_factor * ds
             d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
+            if k < len(rate):
+                rate[k] += ahead[k] @ v
             if k >= grid.moving:
                 place[k - grid.moving] = platform @ d
+            elif forces and self.push is not None:
+                torque[k] = self.push[k]
             elif forces:
                 torque[k] = load[motors] + M[motors] @ a + C[motors] @ v + K[motors] @ d
                 torque[k] -= now.J[:, motors].T @ lam
-        return Response(torque, place)
+        return Response(torque, place, rate)
 
     def _load(self, k: int, now: _System) -> tuple[Array, Array]:
         """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
+        slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
+        if self.push is not None:
+            numbers = self.push.shape[2]
+            load = np.zeros((len(slower), numbers))
+            load[:, -1] = slower
+            if k < len(self.push):
+                load[self.mechanism.flexible.motors] -= self.push[k]
+            return load, np.zeros((len(now.J), numbers))
         j, shape = min(k, self.grid.moving), self.shape[:, k]
         n = self.rigid[0].shape[1]
         a, v, q = (x[j] for x in self.rigid)
         by_number = (now.M[:, :n] @ a + now.C[:, :n] @ v + now.K[:, :n] @ q) @ shape
-        slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
         opened = (now.J[:, :n] @ q) @ shape
         return np.column_stack([by_number, slower]), np.column_stack([opened, 0.0 * opened[:, :1]])
+
+    def _pushes(self, path: RigidPath, profile: Profile) -> Array:
+        """Torques by numbers and duration, in the mean of every step, (moving, nm, numbers + 1)."""
+        u, jumps = np.linspace(0.0, 1.0, self.grid.moving + 1), profile.jumps
+        v = basis(profile.ends, jumps, u)[1]
+        B = basis(profile.ends, jumps, self.grid.u[: self.grid.moving])
+        B[2] = np.diff(v, axis=0) / self.grid.step  # an acceleration may jump inside a step
+        return path.torque_by(B, profile.x, profile.duration)[1]
 
     def _platform(self) -> Array:
         """How the platform's place moves with all coordinates at the end, shape (3, nv)."""

@@ -68,6 +68,17 @@ class RigidPath:
         tau = m * a + c * v**2 + b * v + g
         return tau, dm * a + dc * v**2 + db * v + dg, 2.0 * c * v + b, m
 
+    def torque_by(self, B: Array, x: Array, T: float) -> tuple[Array, Array]:
+        """Torques (k, nm) of numbers x, and by them and the duration T, (k, nm, numbers + 1).
+
+        B: s, ds/du and d^2s/du^2 by the numbers, (3, k, numbers).
+        """
+        s, v, a = B @ x
+        tau, by_s, by_v, by_a = (x[:, :, None] for x in self.torque(s, v / T, a / T**2))
+        by = by_s * B[0][:, None] + by_v * B[1][:, None] / T + by_a * B[2][:, None] / T**2
+        slower = -(by_v[..., 0] * v[:, None] / T + 2.0 * by_a[..., 0] * a[:, None] / T**2) / T
+        return tau[..., 0], np.concatenate([by, slower[:, :, None]], axis=2)
+
     def motor_speed(self, s: Array) -> Array:
         """Of the motors by ds/dt, shape (k, nm)."""
         return np.asarray(self._first(np.clip(s, 0.0, 1.0))[:, self.motors])

@@ -12,24 +12,32 @@ from typing import Any
 
 import numpy as np
 
+from pinflex.actuation.motors import motor_axes
 from pinflex.advice.solve import solve
-from pinflex.arrays import Array
+from pinflex.arrays import Array, BoolArray
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest import programme
 from pinflex.quickest.limits import Limits
 from pinflex.quickest.profile import Profile, basis
-from pinflex.quickest.response import Grid, Response, response
+from pinflex.quickest.response import Grid, Response, response, states
 from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
 
+_ROUND = 1e-12  # of a duration: round-off
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
+_POOR = 0.5  # of what a step hopes for: less of it is corrected once
 _BEST = 1e-5  # of the duration: a step that gains less is the last
 _RIGID_STEPS, _RADII = 60, (1e-4, 0.1)
 _COARSE = 0.02  # of the first shake: what matters beside a duration until it is gone
 _FINER, _JUMPY = 4, 1e-5  # steps for each instant; the tolerance where acceleration jumps
-_OVER = 1e-3  # of a torque limit: between instants and by what equal steps miss
-_WITHIN = 0.998  # of a torque limit that a step aims at, as much as it is off between instants
+_OVER = 3e-3  # of a torque limit: between instants and by what equal steps miss
+_LEAST_ROOM, _ROOM = 1e-4, 1e-2  # of a torque limit, for what it is off between instants
+_FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
+_FAST = 0.9  # of it, from which that is looked at
 _BAND = 0.97  # of the band that a step aims at
+RESTART = 0.05  # radius at the least, where a search begins anew
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
 
@@ -45,6 +53,8 @@ class Task:
         rigid: The path of each.
         rest: Where the platform of each comes to rest [m], (models, 3).
         box: Instead of a band: distance [m] and speed [m/s] along each axis at the end.
+        pushed: Whether motors push with the rigid robot's torque of a profile instead of following
+            it; the box holds for each of them too [rad | m].
     """
 
     target: str
@@ -55,21 +65,39 @@ class Task:
     rigid: tuple[RigidPath, ...]
     rest: Array
     box: tuple[float, float] | None = None
+    pushed: bool = False
+
+    @property
+    def far(self) -> Array | None:
+        """Displacement of a platform whose speed is limited [m], (3,); else None."""
+        far = np.array([self.moves.get(axis, 0.0) for axis in "xyz"])
+        straight = self.target == "platform" and np.any(far) and not self.pushed
+        return far if straight and np.isfinite(self.limits.speed) else None
+
+    @property
+    def drive(self) -> dict[str, Any]:
+        """How runs have motors driven."""
+        return {"drive": "torque", "kp": 0.0, "kd": 0.0} if self.pushed else {}
 
 
-def rigid_least(rigid: RigidPath, limits: Limits, first: Profile) -> Profile:
+@dataclass(frozen=True)
+class _Bent:
+    """What a programme did not foresee of a step: of torques, rates, places and ends of a look."""
+
+    torque: Array | float = 0.0
+    rates: Array | float = 0.0
+    place: Array | float = 0.0
+    ends: Array | float = 0.0
+
+
+def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = _BEST) -> Profile:
     """The rigid robot's least time under the limits: no inputs but poses, and fast."""
     n = first.n
     u = (np.arange(_POINTS * n) + 0.5) / (_POINTS * n)
-    B = basis(n, first.jumps, u)
+    B = basis(first.ends, first.jumps, u)
 
     def torques(p: Profile) -> tuple[Array, Array]:
-        s, v, a = B @ p.x
-        T = p.duration
-        tau, by_s, by_v, by_a = (x[:, :, None] for x in rigid.torque(s, v / T, a / T**2))
-        by = by_s * B[0][:, None] + by_v * B[1][:, None] / T + by_a * B[2][:, None] / T**2
-        slower = -(by_v[..., 0] * v[:, None] / T + 2.0 * by_a[..., 0] * a[:, None] / T**2) / T
-        return tau[..., 0], np.concatenate([by, slower[:, :, None]], axis=2)
+        return rigid.torque_by(B, p.x, p.duration)
 
     def cost(p: Profile, tau: Array) -> float:
         over = np.max(np.abs(tau) / limits.torque)
@@ -88,7 +116,7 @@ def rigid_least(rigid: RigidPath, limits: Limits, first: Profile) -> Profile:
         radius = 2.0 * radius if gain > 0.0 else 0.3 * radius
         if gain > 0.0:
             now, tau, by, worth = after, new, new_by, worth - gain
-        if radius < _RADII[0] or 0.0 <= gain < _BEST * now.duration:
+        if radius < _RADII[0] or 0.0 <= gain < best * now.duration:
             break
     return now
 
@@ -101,6 +129,10 @@ class Look:
         profile: Of the runs. runs: One a model.
         torque: Of the nominal model before the end, (instants, nm).
         place: Of each platform from rest after it, (models, instants, 3).
+        ends: Of a box: each axis of platform, then of motors that push: how far from rest at the
+            end and how fast, (models, axes, 2).
+        rates: Of the nominal platform along a path of its places before the end, over that limit,
+            (instants,). speed: Largest speed of it, likewise.
         push: Largest torque over its limit. shake: Largest distance from rest over the band.
     """
 
@@ -108,40 +140,88 @@ class Look:
     runs: tuple[Result, ...]
     torque: Array
     place: Array
+    ends: Array
+    rates: Array
+    speed: float
     push: float
     shake: float
 
     def cost(self, duration: float, unit: float) -> float:
         """What the programme has as its cost, of a duration and a unit of shake in bands."""
         more = programme.SHAKE * max(self.shake - 1.0, 0.0) / unit
-        more += programme.PUSH * max(self.push - 1.0, 0.0)
+        over = max(self.push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
+        more += programme.PUSH * over
         return self.profile.duration / duration + more
 
     @property
     def kept(self) -> bool:
         """Whether limits and band are."""
-        return self.push <= 1.0 + _OVER and self.shake <= 1.0
+        return self.push <= 1.0 + _OVER and self.shake <= 1.0 and self.speed <= 1.0 + _FASTER
 
 
 def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
     """Run all models with a profile."""
-    motion, frame = profile.motion(task.target, task.moves), task.models[0].description.platform
+    motion = profile.motion(task.target, task.moves)
     runs = tuple(
         solve(model, motion, level="coupled", until=grid.until * profile.duration,
-              samples=grid.samples, **how)
+              samples=grid.samples, **task.drive, **how)
         for model in task.models
     )  # fmt: skip
     after = 2 * grid.moving
-    place = np.array([r.frame(str(frame)).position[after:] - x
-                      for r, x in zip(runs, task.rest, strict=True)])  # fmt: skip
-    push = np.max(np.abs(runs[0].torque[: after + 1]) / task.limits.torque)
-    if task.box is None:
-        shake = np.linalg.norm(place, axis=2).max() / task.band
-    else:
-        velocity = np.array([r.frame(str(frame)).velocity[after, :3] for r in runs])
-        shake = max(np.abs(place[:, 0]).max() / task.box[0], np.abs(velocity).max() / task.box[1])
+    each = [*zip(task.models, runs, task.rest, strict=True)]
+    place = np.array([_place(model, run, slice(after, None)) - x for model, run, x in each])
     torque = runs[0].torque[1:after:2]
-    return Look(profile, runs, torque, place[:, 1::2], float(push), float(shake))
+    push = float(np.max(np.abs(runs[0].torque[: after + 1]) / task.limits.torque))
+    if task.pushed:  # what is asked of motors is known: it is largest where an interval ends
+        B = basis(profile.ends, profile.jumps, programme.places(profile))
+        asked = task.rigid[0].torque_by(B, profile.x, profile.duration)[0]
+        push = float(np.max(np.abs(asked) / task.limits.torque))
+    ends = np.zeros((len(runs), 0, 2))
+    if task.box is None:
+        shake = float(np.linalg.norm(place, axis=2).max()) / task.band
+    else:
+        ends = np.array([
+            end_of(task, model, run, path, after, rest)
+            for (model, run, rest), path in zip(each, task.rigid, strict=True)
+        ])  # fmt: skip
+        shake = float(np.max(np.abs(ends) / task.box))
+    rates, fast = platform_speed(task, runs[0], profile.duration)
+    speed = float(fast.max())
+    return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed, push, shake)
+
+
+def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
+    """Speed of the nominal platform along the path, and all of it, until the end over that limit.
+
+    0 where there is none.
+    """
+    inside = run.t <= end * (1.0 + _ROUND)
+    if (far := task.far) is None:
+        return np.zeros_like(run.t[inside]), np.zeros_like(run.t[inside])
+    place = _place(task.models[0], run, inside)
+    rate = np.gradient(place, run.t[inside], axis=0) / (np.linalg.norm(far) * task.limits.speed)
+    return rate @ far / np.linalg.norm(far), np.linalg.norm(rate, axis=1)
+
+
+def _place(model: Mechanism, run: Result, at: slice | BoolArray) -> Array:
+    """Of the platform at some samples [m], (k, 3)."""
+    frame = model.frame(str(model.description.platform))
+    return frame_poses(Equations(model.flexible), states(run)[0][at], frame)[1]
+
+
+def end_of(
+    task: Task, model: Mechanism, run: Result, path: RigidPath, at: int, rest: Array
+) -> Array:
+    """Of each axis at a sample: how far from rest and how fast, (axes, 2)."""
+    y, v = (x[at] for x in states(run)[:2])
+    frame, dynamics = model.frame(str(model.description.platform)), Equations(model.flexible)
+    place = frame_poses(dynamics, y[None], frame)[1][0] - rest
+    rate = frame_jacobian(dynamics, y, frame)[:3] @ v
+    if not task.pushed:
+        return np.column_stack([place, rate])
+    axes = motor_axes(model)
+    away = -axes.behind(axes.read(path.end), y)
+    return np.column_stack([np.append(place, away), np.append(rate, v[axes.v_at])])
 
 
 @dataclass
@@ -158,22 +238,29 @@ class Search:
     task: Task
     grid: Grid
     tell: Callable[[Look], None]
-    radius: float = 0.1
+    radius: float = 0.05
     unit: float = 1.0
 
-    def go(self, first: Profile, steps: int, close: float) -> Look:
-        """The best profile found; over when a step hopes for less than `close` of the duration."""
+    def go(self, first: Profile, steps: int, close: float, retries: int = 0) -> Look:
+        """The best profile found; over when a step hopes for less than `close` of the duration.
+
+        Then it tries a wide radius again, some times: runs bend, and a small one is soon at home.
+        """
         now, T = self._look(first), first.duration
         self.unit = unit = max(1.0, _COARSE * now.shake)
         best = now if now.kept else None
         fresh: list[Response] = []
+        stuck = 0
         for _ in range(steps):
             self.tell(now)
             fresh = fresh or self._responses(now)
-            after, foreseen = self._next(now, fresh)
-            new = self._look(after)
-            slack = foreseen - 1.0 - (after.duration / now.profile.duration - 1.0)
-            hoped = now.cost(T, unit) - (after.duration / T + slack)
+            new, foreseen = self._next(now, fresh, _Bent())
+            slack = foreseen - 1.0 - (new.profile.duration / now.profile.duration - 1.0)
+            hoped = now.cost(T, unit) - (new.profile.duration / T + slack)
+            if now.cost(T, unit) - new.cost(T, unit) < _POOR * hoped:
+                bent = self._bend(now, fresh, new)
+                again, _ = self._next(now, fresh, bent)
+                new = min(new, again, key=lambda x: x.cost(T, unit))
             gain = now.cost(T, unit) - new.cost(T, unit)
             if gain < 0.25 * hoped:
                 self.radius *= 0.3
@@ -181,10 +268,15 @@ class Search:
                 self.radius = min(2.0 * self.radius, 2.0)
             if new.kept and (best is None or new.profile.duration < best.profile.duration):
                 best = new
-            if gain > 0.1 * hoped:
+            stuck = 0 if gain > 0.1 * hoped else stuck + 1
+            if not stuck:
                 now, fresh = new, []
-            if (hoped < close and best is not None) or self.radius < _RADII[0]:
-                break
+            over = (hoped < close and now.kept) or self.radius < _RADII[0]
+            near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
+            if over or (stuck > 1 and near):
+                if not retries or self.radius >= RESTART:
+                    break
+                retries, stuck, self.radius = retries - 1, 0, RESTART
         return best or now
 
     def _look(self, profile: Profile) -> Look:
@@ -197,31 +289,71 @@ class Search:
     def _responses(self, now: Look) -> list[Response]:
         task = self.task
         each = zip(task.models, task.rigid, now.runs, strict=True)
+        pushed = task.rigid[0] if task.pushed else None
         return [
-            response(model, rigid, run, now.profile, self.grid, k == 0)
+            response(
+                model, rigid, run, now.profile, self.grid, k == 0, pushed, None if k else task.far
+            )
             for k, (model, rigid, run) in enumerate(each)
         ]
 
-    def _next(self, now: Look, fresh: list[Response]) -> tuple[Profile, float]:
-        task, limits = self.task, self.task.limits
-        rows = programme.Rows(len(now.profile.x))
-        programme.of_path(rows, now.profile, limits, task.rigid[0])
-        within = 1.0 if limits.jumps else _WITHIN
-        programme.torque_rows(rows, fresh[0].torque, now.torque, limits.torque.tolist(), within)
-        if limits.jumps:  # a torque is largest where an interval begins or ends
-            by, at = (_at_ends(x, self.grid.each) for x in (fresh[0].torque, now.torque))
-            programme.torque_rows(rows, by, at, limits.torque.tolist())
+    def _bend(self, now: Look, fresh: list[Response], new: Look) -> _Bent:
+        """What the programme did not foresee of a step.
+
+        Source: second-order corrections, Fletcher (1982), Math. Prog. Study 17.
+        """
+        step = np.append(new.profile.x - now.profile.x, new.profile.duration - now.profile.duration)
+        place = np.array([now_ + (by.platform @ step)[:, :3]
+                          for now_, by in zip(now.place, fresh, strict=True)])  # fmt: skip
+        ends = new.ends - now.ends
+        if self.task.box is not None:
+            T = now.profile.duration
+            h = self.grid.step * T
+            ends = ends - [programme.ends_by(by.platform, e, h, T) @ step
+                           for by, e in zip(fresh, now.ends, strict=True)]  # fmt: skip
+        torque = new.torque - now.torque - fresh[0].torque @ step
+        rates = np.zeros(0)
+        if (far := self.task.far) is not None:
+            most = float(np.linalg.norm(far)) * self.task.limits.speed
+            rates = new.rates - now.rates - fresh[0].rate @ step / most
+        return _Bent(torque, rates, new.place - place, ends)
+
+    def _next(self, now: Look, fresh: list[Response], bent: _Bent) -> tuple[Look, float]:
+        task, limits, here = self.task, self.task.limits, now.profile
+        torque, place, ends = now.torque + bent.torque, now.place + bent.place, now.ends + bent.ends
+        rows, most = programme.Rows(len(here.x)), limits.torque.tolist()
+        programme.of_path(rows, here, limits, task.rigid[0])
+        if task.far is not None:
+            near = np.abs(now.rates) > _FAST
+            most_of = float(np.linalg.norm(task.far)) * limits.speed
+            rates = (now.rates + bent.rates)[near]
+            rows.both(fresh[0].rate[near] / most_of, rates, 1.0 + 0.5 * _FASTER, slack=-1)
+        if task.pushed:
+            B = basis(here.ends, here.jumps, programme.places(here))
+            asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
+            programme.torque_rows(rows, by, asked, most)
+        else:
+            by = fresh[0].torque
+            if limits.jumps:  # a torque is largest where an interval begins or ends
+                by, torque, seen = (np.concatenate([x, _at_ends(x, self.grid.each)])
+                                    for x in (by, torque, now.torque))  # fmt: skip
+            else:
+                seen = now.torque
+            between = now.push - float(np.max(np.abs(seen) / limits.torque))
+            within = 1.0 - float(np.clip(between, _LEAST_ROOM, _ROOM))
+            programme.torque_rows(rows, by, torque, most, within)
         every = slice(0, None, max(self.grid.after // 40, 1))
-        for one, place in zip(fresh, now.place, strict=True):
+        for one, away, at_end in zip(fresh, place, ends, strict=True):
             if task.box is None:
-                programme.shake_rows(rows, one.platform[every], place[every], _BAND * task.band,
+                programme.shake_rows(rows, one.platform[every], away[every], _BAND * task.band,
                                      self.unit * task.band)  # fmt: skip
             else:
-                T = now.profile.duration
-                step = self.grid.step * T
-                programme.end_rows(rows, one.platform, place, step, T, task.box, self.unit)
-        return programme.solved(rows, now.profile, limits, self.radius,
-                                min(_LONGEST, self.radius))  # fmt: skip
+                step = self.grid.step * here.duration
+                by = programme.ends_by(one.platform, at_end, step, here.duration)
+                programme.end_rows(rows, by, at_end, task.box, self.unit)
+        after, foreseen = programme.solved(rows, here, limits, self.radius,
+                                           min(_LONGEST, self.radius))  # fmt: skip
+        return self._look(after), foreseen
 
 
 def _at_ends(x: Array, each: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,12 +39,13 @@ class Settled:
 
 def settled(
     mechanism: Mechanism, motion: Motion, rest: Array, band: float, end: float, period: float,
-    tol: float, until: float | None = None,
+    tol: float, until: float | None = None, how: Mapping[str, Any] | None = None,
 ) -> Settled:  # fmt: skip
-    """Run a motion that ends at `end` [s], and watch the platform."""
+    """Run a motion that ends at `end` [s], `how` as `solve` takes it, and watch the platform."""
     until = until or end + _WATCHED * period
     samples = int(np.clip(_SAMPLES * until / period, 1200, 6000)) + 1
     told: dict[str, Any] = {"until": until, "samples": samples, "level": "coupled"}
+    told |= how or {}
     try:
         run = solve(mechanism, motion, tol=tol, **told)
         wrong, half = time_error(run.meta.get("settings", {}), run.level)[0], None

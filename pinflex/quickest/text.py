@@ -24,9 +24,7 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     )
     bound = found.duration / found.rigid - 1.0
     head = (
-        f"{found.name}: the fastest move takes {found.duration:.4g} s. From its end on the "
-        f"platform stays within {length(found.residual)} of where it comes to rest "
-        f"({length(found.band)} asked; runs are right to {length(found.bar)}). "
+        f"{found.name}: the fastest move takes {found.duration:.5g} s. {_still(found)} "
         f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(bound)} less. "
         + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
     )
@@ -38,6 +36,19 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
         _baselines(found, rows),
         robust_table(off),
     )  # fmt: skip
+
+
+def _still(found: Fastest) -> str:
+    if found.box is not None and found.ends is not None:
+        (far, fast), (most, top) = found.ends, found.box
+        return (
+            f"At its end every axis is within {number(far)} m of rest ({number(most)} asked) and "
+            f"slower than {number(fast)} m/s ({number(top)} asked)."
+        )
+    return (
+        f"From its end on the platform stays within {length(found.residual)} of where it comes to "
+        f"rest ({length(found.band)} asked; runs are right to {length(found.bar)})."
+    )
 
 
 def _robots(found: Fastest) -> str:
