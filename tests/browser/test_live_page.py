@@ -24,10 +24,10 @@ from tests.browser.places import violations
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
 TOL = 1e-3  # of the pages
 # Torque by the native kernel in the same steps, of its largest. Steps are the same to the last digit
-# (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a thickness changes,
-# tables are interpolated, whose entries are off by up to 1e-9 (told). Seen at 20 places each:
-# 5.4e-12, 4.6e-11 and 1.7e-9.
-SAME = {"ur5": 1e-9, "delta": 1e-9, "3rrr": 1e-8}
+# (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a wall or a thickness
+# changes, tables are interpolated: what is told of them is their worst entry. Seen at 20 places
+# each: 5.4e-12, 4.6e-11 without the wall, 1.7e-9 with one.
+SAME = {"ur5": 1e-9, "delta": 1e-8, "3rrr": 1e-8}
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
     settings = _somewhere(browser, rng)
-    assert len(settings) == 3 + (model == "3rrr")  # payload, speed, damping; thickness
+    assert len(settings) == 3 + (model != "ur5")  # payload, speed, damping; thickness, wall
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
     t = np.array(found["t"])

@@ -34,8 +34,8 @@ class Solver {
       if (change.kind === "factor") for (let i = 0; i < n; i++) to[at[i]] *= p / made;
       else if (change.kind === "line") for (let i = 0; i < n; i++) to[at[i]] += (p - made) * given[n + i];
       else {
-        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)];
-        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * given[k * n + i]; to[at[i]] += x; }
+        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)], columns = this.data(change.columns);
+        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * columns[k * change.count + given[i]]; to[at[i]] += x; }
       }
     }
     this.stretch(1 / (settings.speed ?? 1));

@@ -72,14 +72,14 @@ def test_what_a_slider_does_is_found_in_the_tables(tmp_path):
     """At a place between those that were looked at, lines and factors are exact to round-off."""
     description = pf.load(arm(tmp_path)).description
     sliders = proposed(pf.load(description))
-    base = sliders[0].overrides(1.0)
+    base = sliders[0].for_tables(1.0)
     found = changes(description, sliders, tables_of, base)
     kinds = {name: change.kind for name, change in found.changes.items()}
     assert kinds["payload"] == "line"
     assert kinds["damping"] == "factor"
     origin = tables_of(pf.load(description, base))
     payload, damping = (next(s for s in sliders if s.name == n) for n in ("payload", "damping"))
-    there = tables_of(pf.load(description, [*payload.overrides(0.37), *damping.overrides(2.3)]))
+    there = tables_of(pf.load(description, [*payload.for_tables(0.37), *damping.overrides(2.3)]))
     made = {name: x.copy() for name, x in origin.items()}
     change = found.changes["payload"]
     for name, at in change.entries.items():
