@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 from pinflex.cli import parser
 from pinflex.cli.console import load_model, print_json
@@ -15,6 +16,9 @@ from pinflex.errors import SceneError
 from pinflex.progress import Bar, Stages
 from pinflex.text import COLUMNS
 from pinflex.writing import writable
+
+if TYPE_CHECKING:
+    from pinflex.studies.study import Study
 
 
 def add(commands: parser.Commands) -> None:
@@ -53,6 +57,11 @@ level that cannot be solved does not stop the others.""",
     p.add_argument(
         "--errors", action="store_true", help="error bars also of large models (some seconds)"
     )
+    p.add_argument(
+        "--interactive",
+        action="store_true",
+        help="sliders in the animation: level coupled runs anew in the browser, offline",
+    )
     parser.verbose(p)
 
 
@@ -66,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
     writable(folder / "comparison.txt")
     given = {"band": args.band, "tol": args.tol, "errors": args.errors, "folder": folder}
     done = compare(mechanism, None, args.levels or LEVELS, **given, progress=Stages(Bar))
+    if args.interactive:
+        _interactive(args, done, folder)
     if args.json:
         written = {"folder": folder, "files": [path.name for path in done.files]}
         print_json(json.loads(done.table.to_json()) | written)
@@ -79,6 +90,16 @@ def run(args: argparse.Namespace) -> int:
             f"the reasons are in {folder / 'comparison.txt'}."
         )
     return 0
+
+
+def _interactive(args: argparse.Namespace, done: Study, folder: Path) -> None:
+    """The animation with sliders in place of the one that plays."""
+    from pinflex.browser.page import live_comparison
+
+    changes = [f"--set '{change}'" for change in args.set]
+    live_comparison(
+        done.mechanism, done.runs, folder / "animation.html", " ".join([args.model, *changes])
+    )
 
 
 def _list(folder: Path, files: Sequence[Path]) -> None:

@@ -383,6 +383,9 @@ class Description:
 
 def read(source: str | Path) -> Description:
     """Read and check a description."""
+    if sources.is_packaged(source):
+        name = str(source).partition(":")[2]
+        return _describe(_dumped({"urdf": str(source)}), name, None, None)
     path = find_file(source)
     if sources.is_robot(path):
         return _describe(_dumped({"urdf": path.name}), path.stem, path, None)

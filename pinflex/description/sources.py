@@ -91,6 +91,11 @@ def read(
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")
 
 
+def is_packaged(source: object) -> bool:
+    """Whether a model is named as a robot of example-robot-data."""
+    return isinstance(source, str) and source.startswith(_ROBOT_DATA)
+
+
 def is_robot(path: Path) -> bool:
     """Whether a file is a robot by itself and not a description that names one."""
     suffix = path.suffix.lower()
@@ -104,7 +109,7 @@ def find(
     source: str, folder: Path, where: str, arguments: Mapping[str, str] | None = None
 ) -> Source:
     """Read and check the file of the key `urdf`."""
-    if source.startswith(_ROBOT_DATA):
+    if is_packaged(source):
         path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
         return read(read_text(path, where), path.name, packages, arguments)
     path = folder / source

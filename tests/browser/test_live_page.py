@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.browser.page import live_comparison
 from pinflex.kernel.build import zig
 from tests.browser.chromium import CHROMIUM, DRIVER, Browser
 from tests.browser.native import apart, native_run
@@ -163,6 +164,22 @@ def test_sliders_answer_to_keys_and_reset(browser, pages):
     assert browser.run("return pinflex.live.commandLine()") == (
         "pinflex solve ur5 --level coupled --tol 0.001"
     )
+
+
+def test_sliders_of_a_comparison_change_its_coupled_run(browser, tmp_path, pages):
+    """Other levels stay what they were; a move of a slider shows the run that it changes."""
+    mechanism, levels = pf.load("ur5", ["solve.samples=41"]), ("rigid", "coupled")
+    runs = {level: pf.solve(mechanism, level=level) for level in levels}
+    page = live_comparison(mechanism, runs, tmp_path / "both.html", "ur5").path
+    opened(browser, page)
+    rigid = "document.querySelectorAll('#levels input')[0].click(); return [...pinflex.curves[0]]"
+    before = browser.run(rigid)
+    assert browser.run("return pinflex.state.run") == 0
+    heavy = moved(browser, {"payload": 5.0})
+    assert browser.run("return pinflex.state.run") == 1
+    # half of the robot's mass at its tool: statics alone ask the shoulder for more
+    assert max(map(abs, heavy["torque"])) > 1.2 * np.abs(runs["coupled"].torque).max()
+    assert browser.run(rigid) == before
 
 
 def test_a_run_that_fails_leaves_the_last_one(browser, pages):

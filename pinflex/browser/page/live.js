@@ -78,6 +78,7 @@ function hear({data}) {
   if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
   live.shown = data.id;
   live.took = data.took;
+  if (S.run !== DATA.live.run) show(DATA.live.run);   // of several it is this one that sliders change
   live.got = {...(live.got && live.got.id === data.id ? live.got : {}), ...data};
   live[data.part](data);
 }

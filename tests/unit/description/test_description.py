@@ -177,6 +177,8 @@ def test_a_robot_of_example_robot_data_is_found_without_its_meshes(tmp_path: Pat
     robot = read(write(tmp_path, "urdf: example-robot-data:ur5\n"))
     assert robot.urdf_name == "ur5_robot.urdf"
     assert len(robot.actuated) == 6
+    bare = read("example-robot-data:ur5")  # as `pinflex new` takes it, without a YAML
+    assert (bare.name, bare.actuated) == ("ur5", robot.actuated)
     folder = Path(robot.package_dirs[0])
     assert (folder / "example-robot-data" / "robots" / "ur_description").is_dir()
 
