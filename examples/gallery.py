@@ -46,14 +46,13 @@ def orbit(page: Path) -> None:
 
 
 def fitted(page: Path) -> None:
-    """A robot made 15 % softer and then fitted by its frequencies: as fitted, and as shipped."""
-    key = "flexible.distal_?.material.E"
+    """The planar 3-RRR as shipped, and as four frequencies some 7 % below its own say that it is."""
     shipped = pf.load("3rrr")
-    measured = pf.modes(pf.load("3rrr", [f"{key}={0.85 * 2.1e11!r}"]), count=4).frequencies
-    found = pf.fit(shipped, {"mode": [1, 2, 3, 4], "frequency": measured}, [key])
+    measured = {"mode": [1, 2, 3, 4], "frequency": [96.1, 95.7, 96.4, 384.2]}  # [Hz]
+    found = pf.fit(shipped, measured, ["flexible.distal_?.material.E"])
     runs = {
         "as shipped": pf.solve(shipped, level="coupled", samples=161),
-        "as fitted": pf.solve(found.mechanism, level="coupled", samples=161),
+        "as fitted": pf.solve(pf.load(found.description), level="coupled", samples=161),
     }
     pf.view(runs, page)
 
@@ -132,7 +131,7 @@ SCENES = {
     ),
     "fit": Scene(
         "A fit to measured frequencies",
-        "A 3-RRR as shipped, and as four of its frequencies say that it is.",
+        "A 3-RRR as shipped, and with the modulus that four frequencies 7 % below its own tell.",
         made=fitted,
     ),
 }
@@ -166,17 +165,19 @@ def pictures(folder: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as made:
         for name, scene in SCENES.items():
+            page = Path(made) / f"{name}.html"
             if scene.picture:
                 continue
             if scene.made:
-                page = Path(made) / f"{name}.html"
                 scene.made(page)
-                shot = capture.picture(pf.Page(page), Path(made) / f"{name}.png", 0.1)
-            run = pf.solve(pf.load(name), level="coupled", samples=161)
-            page = pf.view(run, Path(made) / f"{name}.html")
-            peak = max(run.links, key=lambda link: run.link(link).von_mises.max(), default=None)
-            worst = run.link(peak).von_mises.max(axis=1).argmax() if peak else run.t.size // 2
-            shot = capture.picture(page, Path(made) / f"{name}.png", float(run.t[worst]))
+                at = 0.03  # [s] of runs of 0.05 to 0.5 s
+            else:
+                run = pf.solve(pf.load(name), level="coupled", samples=161)
+                pf.view(run, page)
+                peak = max(run.links, key=lambda link: run.link(link).von_mises.max(), default=None)
+                worst = run.link(peak).von_mises.max(axis=1).argmax() if peak else run.t.size // 2
+                at = float(run.t[worst])
+            shot = capture.picture(page, Path(made) / f"{name}.png", at)
             whole = Image.open(shot).convert("RGB")
             small = whole.resize((whole.width * SIZE[1] // whole.height, SIZE[1]))
             left = max(0, (small.width - SIZE[0]) // 2)
