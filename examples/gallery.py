@@ -46,7 +46,7 @@ def orbit(page: Path) -> None:
 
 
 def fitted(page: Path) -> None:
-    """The planar 3-RRR as shipped, and as four frequencies some 7 % below its own say that it is."""
+    """The planar 3-RRR as shipped, and as four frequencies 7 % below its own tell."""
     shipped = pf.load("3rrr")
     measured = {"mode": [1, 2, 3, 4], "frequency": [96.1, 95.7, 96.4, 384.2]}  # [Hz]
     found = pf.fit(shipped, measured, ["flexible.distal_?.material.E"])
@@ -60,8 +60,8 @@ def fitted(page: Path) -> None:
 SCENES = {
     "delta_live": Scene(
         "Try it: a delta robot that answers",
-        "Payload, speed, damping, walls of the rods: each move of a slider solves the flexible robot"
-        " anew, in the page, offline.",
+        "Payload, speed, damping, walls of the rods: each move of a slider solves the flexible"
+        " robot anew, in the page, offline.",
         made=lambda page: pf.live_page("delta", page),
         picture="delta",
     ),

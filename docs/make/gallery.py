@@ -9,9 +9,9 @@ from pathlib import Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gallery.py"
 _INTRO = """# Gallery
 
-One file each, which plays offline. Turn it with the mouse, drag the time, choose what is coloured; the
-first one has sliders and [solves what you ask](delta_live.html). `examples/gallery.py` makes them all in half
-a minute, and `pinflex compare NAME` makes one with all levels.
+One file each, which plays offline. Turn it with the mouse, drag the time, choose what is coloured;
+the first one has sliders and [solves what you ask](delta_live.html). `examples/gallery.py` makes
+them all in half a minute, and `pinflex compare NAME` makes one with all levels.
 
 <div class="cards" markdown="0">
 """
@@ -29,9 +29,7 @@ def make(made: Path) -> Path:
     if os.environ.get("DOCS_GALLERY") != "0":
         example["main"](str(folder))
     cards = [
-        _CARD.format(
-            name=name, picture=scene.picture or name, title=scene.title, text=scene.text
-        )
+        _CARD.format(name=name, picture=scene.picture or name, title=scene.title, text=scene.text)
         for name, scene in example["SCENES"].items()
     ]
     (folder / "index.md").write_text("".join([_INTRO, *cards, "</div>\n"]), "utf-8")

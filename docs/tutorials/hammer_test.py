@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Your hammer test
 #
-# A robot stands before you, and its datasheet says nothing of how stiff the gear is and how soft the
-# arm. A hammer with a force cell and one accelerometer tell it in ten minutes: this tutorial goes
-# from taps to numbers that may be believed.
+# A robot stands before you, and its datasheet says nothing of how stiff the gear is and how soft
+# the arm. A hammer with a force cell and one accelerometer tell it in ten minutes: this tutorial
+# goes from taps to numbers that may be believed.
 #
 # The arm turns about a vertical axis; its motor is braked, its gear is not stiff. An aluminium bar
 # of 600 mm carries a tool of 0.4 kg.

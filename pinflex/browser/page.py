@@ -78,9 +78,9 @@ def live_comparison(
     the scene.
     """
     if "coupled" not in runs:
-        raise DescriptionError("compare: the page computes level coupled. Have it among the levels.")
+        raise DescriptionError("compare: the page computes level coupled. Add it to --levels.")
     about, results = mechanism.description, list(runs.values())
-    folders = [*about.package_dirs, *([about.path.parent] if about.path else [])]
+    folders: list[str | Path] = [*about.package_dirs, *([about.path.parent] if about.path else [])]
     shown = build_scenes(results, runs.get("rigid"), "auto", folders, [None] * len(results))
     shown = [scene | {"label": level} for scene, level in zip(shown, runs, strict=True)]
     k = list(runs).index("coupled")

@@ -90,8 +90,9 @@ class Change:
         return self.columns()[0].size
 
     def columns(self) -> tuple[Array, dict[str, IntArray]]:
-        """Values of a polynomial that differ, shape (nodes, columns); by array, which entry has which."""
-        every = np.concatenate([x.reshape(len(self.nodes), -1) for x in self.values.values()], axis=1)
+        """Values of a polynomial that differ (nodes, columns); by array, which entry has which."""
+        n = len(self.nodes)
+        every = np.concatenate([x.reshape(n, -1) for x in self.values.values()], axis=1)
         found, which = np.unique(every, axis=1, return_inverse=True)
         ends = np.cumsum([len(e) for e in self.entries.values()])[:-1]
         return found, dict(zip(self.entries, np.split(which.ravel(), ends), strict=True))

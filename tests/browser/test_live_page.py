@@ -24,10 +24,10 @@ from tests.browser.places import violations
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
 TOL = 1e-3  # of the pages
-# Torque by the native kernel in the same steps, of its largest. Steps are the same to the last digit
-# (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a wall or a thickness
-# changes, tables are interpolated: what is told of them is their worst entry. Seen at 20 places
-# each: 5.4e-12, 4.6e-11 without the wall, 1.7e-9 with one.
+# Torque by the native kernel in the same steps, of its largest. Steps are the same to the last
+# digit (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a wall or a
+# thickness changes, tables are interpolated: what is told of them is their worst entry. Seen at 20
+# places each: 5.4e-12, 4.6e-11 without the wall, 1.7e-9 with one.
 SAME = {"ur5": 1e-9, "delta": 1e-8, "3rrr": 1e-8}
 
 
