@@ -134,6 +134,7 @@ live.error = (d) => {
   }
   R.verdicts = told;
   showVerdicts();
+  layoutChanged();                                  // labels keep clear of them
   document.body.classList.remove("computing");
   liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
   live.done = d.id;
