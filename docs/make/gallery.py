@@ -9,14 +9,14 @@ from pathlib import Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gallery.py"
 _INTRO = """# Gallery
 
-A page for each model that is shipped: one file that plays offline. Turn it with the mouse, drag the
-time, choose what is coloured. `examples/gallery.py` makes them all in some ten seconds, and
-`pinflex compare NAME` makes one with all levels.
+One file each, which plays offline. Turn it with the mouse, drag the time, choose what is coloured;
+the first one has sliders and [solves what you ask](delta_live.html). `examples/gallery.py` makes
+them all in half a minute, and `pinflex compare NAME` makes one with all levels.
 
 <div class="cards" markdown="0">
 """
 _CARD = """<a class="card" href="{name}.html">
-<img src="../assets/gallery/{name}.webp" alt="{title}" width="480" height="300" loading="lazy">
+<img src="../assets/gallery/{picture}.webp" alt="{title}" width="480" height="300" loading="lazy">
 <strong>{title}</strong><span>{text}</span><code>{name}</code></a>
 """
 
@@ -29,7 +29,7 @@ def make(made: Path) -> Path:
     if os.environ.get("DOCS_GALLERY") != "0":
         example["main"](str(folder))
     cards = [
-        _CARD.format(name=name, title=scene.title, text=scene.text)
+        _CARD.format(name=name, picture=scene.picture or name, title=scene.title, text=scene.text)
         for name, scene in example["SCENES"].items()
     ]
     (folder / "index.md").write_text("".join([_INTRO, *cards, "</div>\n"]), "utf-8")

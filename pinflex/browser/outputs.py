@@ -69,7 +69,7 @@ def _piece(
     body, cut = slot.body, slot.body.cut
     model = system.expansion.model
     arrays: dict[str, Array | None] = {
-        "x": cut.x, "Phi": cut.Phi, "G": cut.G, "outer": cut.outer, "outer_twist": cut.outer_twist,
+        "x": cut.x, "way": _way(cut.Phi, cut.G), "outer": cut.outer, "outer_twist": cut.outer_twist,
         "body_Phi": body.Phi, "body_x": body.x, "loads": np.array([i.x for i in slot.interfaces]),
         "stations": np.asarray(slot.stations), "twists": np.asarray(slot.twists),
         "offset": np.array([slot.offset]),
@@ -80,3 +80,15 @@ def _piece(
     nodes = [int(system.node_of_joints[i.bottom(model)]) for i in slot.interfaces]
     root = place(f"{key}/root", slot.root)
     return kept | {"root": root, "eta": [slot.eta.start, slot.eta.stop], "nodes": nodes}
+
+
+def _way(Phi: Array, G: Array | None) -> Array:
+    """Displacements of sections by eta and its products: shape (nx, 6, n + n (n + 1) / 2).
+
+    d = Phi eta + eta' G eta / 2, as one table of [eta; eta_i eta_j, i <= j]; without G: Phi.
+    """
+    if G is None:
+        return Phi
+    i, j = np.triu_indices(Phi.shape[-1])
+    share = np.where(i == j, 0.25, 0.5)  # a square stands in G twice
+    return np.concatenate([Phi, share * (G[..., i, j] + G[..., j, i])], axis=-1)

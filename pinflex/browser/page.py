@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -17,9 +17,10 @@ from pinflex.browser.recipe import live_scene
 from pinflex.browser.scene import LiveScene, packed, scene_of_page
 from pinflex.browser.wasm import wasm
 from pinflex.description.description import Description, read
-from pinflex.mechanics.mechanism import load
+from pinflex.errors import DescriptionError
+from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
-from pinflex.viewer.scene import build_scene
+from pinflex.viewer.scene import build_scene, build_scenes
 from pinflex.viewer.view import More, Page, _settings, page_text
 from pinflex.writing import write_text
 
@@ -64,17 +65,44 @@ def live_page(
     tol = live_scene(mechanism).spec.tol
     run = solve(mechanism, level="coupled", tol=tol)
     shown = build_scene(run, None, scale, meshes)
-    live = scene_of_page(description, np.asarray(shown["t"], float))
-    _pick_stations(live, shown, run)
-    page: dict[str, Any] = _settings([run], field, None)
+    page = _settings([run], field, None)
+    return _written(path, description, _command(model, overrides), [shown], 0, run, page)
+
+
+def live_comparison(
+    mechanism: Mechanism, runs: Mapping[str, Result], path: str | Path, command: str
+) -> Page:
+    """Write the page of runs by level, whose run of level coupled answers to sliders.
+
+    `command`: the model as the command line has it. Raises DescriptionError where a page cannot run
+    the scene.
+    """
+    if "coupled" not in runs:
+        raise DescriptionError("compare: the page computes level coupled. Add it to --levels.")
+    about, results = mechanism.description, list(runs.values())
+    folders: list[str | Path] = [*about.package_dirs, *([about.path.parent] if about.path else [])]
+    shown = build_scenes(results, runs.get("rigid"), "auto", folders, [None] * len(results))
+    shown = [scene | {"label": level} for scene, level in zip(shown, runs, strict=True)]
+    k = list(runs).index("coupled")
+    page = _settings(results, "von_mises", None) | {"first": k}
+    return _written(path, about, command, shown, k, runs["coupled"], page)
+
+
+def _written(
+    path: str | Path, description: Description, command: str, shown: list[dict[str, Any]], k: int,
+    run: Result, page: dict[str, Any],
+) -> Page:  # fmt: skip
+    """The page of scenes, the k-th of which is the run that sliders change."""
+    live = scene_of_page(description, np.asarray(shown[k]["t"], float))
+    _pick_stations(live, shown[k], run)
     page["live"] = {
-        "model": _command(model, overrides), "tol": tol, "motors": list(run.motors),
+        "model": command, "tol": live.header["tol"], "motors": list(run.motors), "run": k,
         "left_out": live.left_out, "sliders": [
             {key: x for key, x in s.items() if key != "change"} for s in live.header["sliders"]
         ],
     }  # fmt: skip
     more = More(_text("live.js"), _text("live.css"), packed(live, wasm(), worker_text()), _ALLOWED)
-    return Page(write_text(Path(path), page_text([shown], shown["name"], page, more)))
+    return Page(write_text(Path(path), page_text(shown, shown[k]["name"], page, more)))
 
 
 def _pick_stations(live: LiveScene, shown: dict[str, Any], run: Result) -> None:

@@ -44,7 +44,7 @@ def scene_of_page(description: Description, t: Array) -> LiveScene:
     live_scene(mechanism)  # a payload would be told instead of what is the matter
     proposed = sliders.proposed(mechanism)
     # Absent, not zeroed, in every other run; here it has to be there to be moved.
-    base = [x for s in proposed if s.name == sliders.PAYLOAD for x in s.overrides(1.0)]
+    base = [x for s in proposed if s.name == sliders.PAYLOAD for x in s.for_tables(1.0)]
     found = sliders.changes(description, proposed, tables_of, base)
     scene = live_scene(load(description, base))
     tol = scene.spec.tol or 1e-3
@@ -65,16 +65,21 @@ def scene_of_page(description: Description, t: Array) -> LiveScene:
 
 
 def _slider(slider: sliders.Slider, change: sliders.Change | None, put: Any) -> dict[str, Any]:
-    out = {key: x for key, x in asdict(slider).items() if key != "keys"}
+    out = {key: x for key, x in asdict(slider).items() if key not in ("keys", "made_by")}
     out["keys"] = slider.keys
     out["made"] = 1.0
     if change is None:
         return out | {"change": None}
+    told = {"kind": change.kind, "nodes": change.nodes.tolist(), "error": change.error}
+    values = change.values
+    if change.kind == "polynomial":
+        columns, which = change.columns()
+        told["columns"], told["count"] = put(columns), columns.shape[1]
+        values = {name: np.asarray(x, float) for name, x in which.items()}
     arrays = [
-        [name, put(entries), put(change.values[name]) if change.values[name].size else None]
+        [name, put(entries), put(values[name]) if values[name].size else None]
         for name, entries in change.entries.items()
     ]
-    told = {"kind": change.kind, "nodes": change.nodes.tolist(), "error": change.error}
     return out | {"change": told | {"arrays": arrays}}
 
 

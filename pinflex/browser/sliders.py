@@ -9,8 +9,8 @@ between them is measured here and told there. The speed of the move stretches ti
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ class Slider:
     Attributes:
         name, label, unit: What it is. low, high, value: Range, and where it stands at first.
         keys: Overrides: key, value and power of p. shown: What p is shown times.
+        made_by: Overrides that say the same so that tables are straight lines of p; (): `keys`.
         acts: On "tables", a "section", or "time".
     """
 
@@ -50,11 +51,20 @@ class Slider:
     keys: tuple[tuple[str, Any, int], ...]
     shown: float = 1.0
     acts: str = "tables"
+    made_by: tuple[tuple[str, Any, int], ...] = ()
 
     def overrides(self, p: float) -> list[str]:
         """As `pinflex.load` takes them."""
-        found = ((key, _times(value, p**power)) for key, value, power in self.keys)
-        return [f"{key}={json.dumps(value)}" for key, value in found]
+        return _overrides(self.keys, p)
+
+    def for_tables(self, p: float) -> list[str]:
+        """Overrides that tables are made by."""
+        return _overrides(self.made_by or self.keys, p)
+
+
+def _overrides(keys: Sequence[tuple[str, Any, int]], p: float) -> list[str]:
+    found = ((key, _times(value, p**power)) for key, value, power in keys)
+    return [f"{key}={json.dumps(value)}" for key, value in found]
 
 
 @dataclass(frozen=True)
@@ -74,8 +84,18 @@ class Change:
 
     @property
     def numbers(self) -> int:
-        """Numbers that the page would keep for it."""
-        return sum(x.size for x in self.values.values())
+        """Numbers that the page would keep for it: of links that are alike, once."""
+        if self.kind != "polynomial":
+            return sum(x.size for x in self.values.values())
+        return self.columns()[0].size
+
+    def columns(self) -> tuple[Array, dict[str, IntArray]]:
+        """Values of a polynomial that differ (nodes, columns); by array, which entry has which."""
+        n = len(self.nodes)
+        every = np.concatenate([x.reshape(n, -1) for x in self.values.values()], axis=1)
+        found, which = np.unique(every, axis=1, return_inverse=True)
+        ends = np.cumsum([len(e) for e in self.entries.values()])[:-1]
+        return found, dict(zip(self.entries, np.split(which.ravel(), ends), strict=True))
 
 
 @dataclass(frozen=True)
@@ -113,17 +133,24 @@ def _payload(mechanism: Mechanism) -> list[Slider]:
     if not at:
         return []
     mass: dict[str, Any] = {"at": at, "mass": [1.0, 1.0, 1.0]}
-    keys: list[tuple[str, Any, int]] = [(f"added_masses.{PAYLOAD}", mass, 1)]
+    made_by: list[tuple[str, Any, int]] = [(f"added_masses.{PAYLOAD}", mass, 1)]
     if any(g):
-        keys.append((f"forces.{PAYLOAD}", {"at": at, "force": g}, 1))
+        made_by.append((f"forces.{PAYLOAD}", {"at": at, "force": g}, 1))
+    keys = [(PAYLOAD, {"at": at, "mass": 1.0}, 1)]
+    if description.payload is not None:  # this one comes on top of it
+        keys = made_by
     whole = sum(float(body.mass) for body in mechanism.rigid.rigid.inertias)
-    return [Slider(PAYLOAD, "payload", "kg", 0.0, _round(_SHARE * whole), 0.0, tuple(keys))]
+    whole = whole or sum(float(part.mass) for part in mechanism.parts.values())
+    if not whole:
+        return []
+    ends = 0.0, _round(_SHARE * whole), 0.0
+    return [Slider(PAYLOAD, "payload", "kg", *ends, tuple(keys), made_by=tuple(made_by))]
 
 
 def _round(x: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a number."""
-    power = 10.0 ** np.floor(np.log10(max(x, 1e-12)))
-    return float(max(k for k in (1, 2, 5) if k * power <= x * (1 + 1e-9)) * power)
+    """The largest of 1, 2 and 5 times a power of ten that is not above a positive number."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return float(max(k for k in (1, 2, 5) if k * power <= x * (1 + 1e-9) or k == 1) * power)
 
 
 _TIMES, _RATES = ("duration", "ramp", "start", "smooth"), ("omega", "frequency", "speed")
@@ -197,29 +224,37 @@ def changes(
 
     def plain(slider: Slider, p: float) -> Tables:
         if (slider.name, p) not in known:
-            changed = load(description, [*base, *slider.overrides(p)])
+            changed = load(description, [*base, *slider.for_tables(p)])
             known[slider.name, p] = tables(changed)
         return known[slider.name, p]
+
+    def fitting(slider: Slider) -> tuple[Slider, list[Tables]] | None:
+        own = [plain(slider, p) for p in _places(slider)]
+        pattern = pattern_of([*seen, *own])
+        if pattern is None:
+            return None
+        if slider.acts != "section":
+            return slider, own
+        wide = {p: _wide(x, pattern) for p, x in zip(_places(slider), own, strict=True)}
+        return (slider, own) if _polynomial(slider, wide).error <= _BEYOND else None
 
     seen = [tables(load(description, base))]
     for slider in sliders:
         try:
-            own = [plain(slider, p) for p in _places(slider)]
+            found = next(filter(None, (fitting(x) for x in _ranges(slider))), None)
         except PinflexError as error:
             left[slider.label] = str(error)
             continue
-        if pattern_of([*seen, *own]) is None:
+        if found is None:
             left[slider.label] = "it changes how the model is built"
             continue
-        seen += own
-        usable.append(slider)
+        usable.append(found[0])
+        seen += found[1]
     pattern = pattern_of(seen)
     assert pattern is not None  # of those that fit, which the first alone does
 
     def at(slider: Slider, p: float) -> Tables:
-        found = widened(plain(slider, p), pattern)
-        assert found is not None  # `seen` has them all
-        return found
+        return _wide(plain(slider, p), pattern)
 
     works, done = list[Slider](), dict[str, Change]()
     for slider in usable:
@@ -234,6 +269,23 @@ def changes(
             works.append(slider)
             done[slider.name] = change
     return Changes(tuple(works), done, pattern, left)
+
+
+def _wide(tables: Tables, pattern: dict[str, IntArray]) -> Tables:
+    found = widened(tables, pattern)
+    assert found is not None  # the pattern is of tables that these are among
+    return found
+
+
+def _ranges(slider: Slider) -> list[Slider]:
+    """A slider, and if it is of a section, its thinner and its thicker part.
+
+    What of a link's mass in the URDF a section does not carry is added to it: a heavier section may
+    leave nothing, and the model is built without.
+    """
+    if slider.acts != "section":
+        return [slider]
+    return [slider, replace(slider, high=slider.value), replace(slider, low=slider.value)]
 
 
 def _places(slider: Slider) -> list[float]:
@@ -260,7 +312,7 @@ def _between(nodes: Array) -> Array:
 
 def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
     if slider.acts == "section":
-        return _polynomial(slider, at)
+        return _polynomial(slider, {p: at(slider, p) for p in _places(slider)})
     low, middle, high = _places(slider)
     first, half, last = (at(slider, p) for p in (low, middle, high))
     moved = {
@@ -281,10 +333,11 @@ def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
     return Change("line", np.zeros(0), moved, values, error)
 
 
-def _polynomial(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
+def _polynomial(slider: Slider, tables: Mapping[float, Tables]) -> Change:
+    """Of tables by place, which are of one pattern."""
     nodes = _nodes(slider)
-    found, between = [at(slider, float(p)) for p in nodes], _between(nodes)
-    wanted = [at(slider, float(p)) for p in between]
+    between = _between(nodes)
+    found, wanted = ([tables[float(p)] for p in some] for some in (nodes, between))
     weights = np.where(np.arange(_NODES) % 2, -1.0, 1.0)
     weights[[0, -1]] *= 0.5
     W = weights / (between[:, None] - nodes)

@@ -27,6 +27,7 @@ from pinflex.writing import writable
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.results.result import Result
+    from pinflex.studies.study import Study
     from pinflex.viewer.export.pictures import Picture
 
 _WHOLE = 1e-9  # of a number of ticks: round-off
@@ -186,6 +187,8 @@ def run_compare(args: argparse.Namespace) -> int:
     writable(folder / "comparison.txt")
     options["levels"] = options.get("levels") or LEVELS
     done = pf.compare(mechanism, **options, folder=folder, progress=Stages(Bar))
+    if args.interactive:
+        _interactive(args, done, folder)
     if args.json:
         written = {"folder": folder, "files": [path.name for path in done.files]}
         print_json(json.loads(done.table.to_json()) | written)
@@ -199,6 +202,15 @@ def run_compare(args: argparse.Namespace) -> int:
             f"the reasons are in {folder / 'comparison.txt'}."
         )
     return 0
+
+
+def _interactive(args: argparse.Namespace, done: Study, folder: Path) -> None:
+    """The animation with sliders in place of the one that plays."""
+    from pinflex.browser.page import live_comparison
+
+    changes = [f"--set '{change}'" for change in args.set]
+    page = folder / "animation.html"
+    live_comparison(done.mechanism, done.runs, page, " ".join([args.model, *changes]))
 
 
 def _say_folder(folder: Path, files: Sequence[Path]) -> None:

@@ -198,13 +198,6 @@ def find_file(source: str | Path) -> Path:
         shipped = folder / shown / f"{shown}.yaml"
         if shown == path.name and shipped.is_file():
             return shipped
-    if shown.startswith(sources.ROBOT_DATA):
-        name = shown.removeprefix(sources.ROBOT_DATA)
-        raise ModelNotFoundError(
-            f"{shown}: a robot, not a description. Write one with `pinflex new {shown}` and give "
-            f"that file, or a YAML of your own with `urdf: {shown}` (no more is needed for {name} "
-            "as a rigid robot)."
-        )
     beside = [
         p.name
         for p in (sorted(path.parent.glob("*.y*ml")) if path.parent.is_dir() else ())
@@ -393,6 +386,9 @@ class Description:
 
 def read(source: str | Path) -> Description:
     """Read and check a description."""
+    if sources.is_packaged(source):
+        name = str(source).partition(":")[2]
+        return _describe(_dumped({"urdf": str(source)}), name, None, None)
     path = find_file(source)
     if sources.is_robot(path):
         return _describe(_dumped({"urdf": path.name}), path.stem, path, None)

@@ -51,7 +51,7 @@ READERS: dict[str, Reader] = {
     ".yaml": _GEPETTO,
     ".yml": _GEPETTO,
 }
-ROBOT_DATA = "example-robot-data:"
+_ROBOT_DATA = "example-robot-data:"
 _GEPETTO_KEYS = re.compile(r"^(closed_loop|name_mot|joint_type)\s*:", re.M)
 
 
@@ -91,6 +91,11 @@ def read(
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")
 
 
+def is_packaged(source: object) -> bool:
+    """Whether a model is named as a robot of example-robot-data."""
+    return isinstance(source, str) and source.startswith(_ROBOT_DATA)
+
+
 def is_robot(path: Path) -> bool:
     """Whether a file is a robot by itself and not a description that names one."""
     suffix = path.suffix.lower()
@@ -104,15 +109,15 @@ def find(
     source: str, folder: Path, where: str, arguments: Mapping[str, str] | None = None
 ) -> Source:
     """Read and check the file of the key `urdf`."""
-    if source.startswith(ROBOT_DATA):
-        path, packages = _robot_data(source[len(ROBOT_DATA) :].strip(), where)
+    if is_packaged(source):
+        path, packages = _robot_data(source[len(_ROBOT_DATA) :].strip(), where)
         return read(read_text(path, where), path.name, packages, arguments)
     path = folder / source
     if not nameable(path) or not path.is_file():
         found = [p.name for p in sorted(folder.glob("*.urdf"))]
         raise ModelNotFoundError(
             f'{where}: no file "{source[:200]}" beside the YAML.{nearest(source, found)} Give a '
-            f"path relative to the YAML, or {ROBOT_DATA}NAME."
+            f"path relative to the YAML, or {_ROBOT_DATA}NAME."
         )
     packages = tuple(dict.fromkeys((str(path.parent.resolve()), str(folder.resolve()))))
     return read(read_text(path, where), path.name, packages, arguments)
@@ -140,7 +145,7 @@ def _robot_data(name: str, where: str) -> tuple[Path, tuple[str, ...]]:
         )
     except ImportError:
         raise DescriptionError(
-            f'{where}: "{ROBOT_DATA}{name}" needs the package example-robot-data-loaders, which '
+            f'{where}: "{_ROBOT_DATA}{name}" needs the package example-robot-data-loaders, which '
             "is not installed. Run `pip install example-robot-data-loaders`, or give a URDF file."
         ) from None
     if name not in ROBOTS:

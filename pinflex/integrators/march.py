@@ -104,6 +104,9 @@ class StepControl:
             10 s), and share factors.
         iterations: Of Newton in a step, at the most.
         resolution: Coarseness allowed; None: the keeper's.
+        grain: Lengths of an octave that steps may have, 0: any. A length that follows an estimate
+            of error to all its digits hands round-off from step to step: 1e-14 of a payload is
+            1e-6 of torque at the end of a run.
     """
 
     idle: tuple[float, float] = (1.0, 1.2)
@@ -114,6 +117,7 @@ class StepControl:
     same_step: float = 1e-9
     iterations: int = 10
     resolution: float | None = None
+    grain: int = 0
 
 
 CONTROL = StepControl()
@@ -209,7 +213,7 @@ class March:
         at.shortest, at.held, at.growth = c.shortest * self._span, c.memory, c.recovery
         at.idle_from, at.idle_to = c.idle
         at.most, at.seen, at.same_step = c.iterations, c.seen, c.same_step
-        at.order, at.patience = m.s, _PATIENCE
+        at.order, at.patience, at.grain = m.s, _PATIENCE, c.grain
         at.t, at.h, at.first = ends[0], first, first
         at.ceiling = at.refused = np.inf
         self._kernel.y[...], self._kernel.v[...] = start

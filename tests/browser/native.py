@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.browser.inputs import tabulate
-from pinflex.browser.recipe import TOGETHER, live_scene
+from pinflex.browser.recipe import GRAIN, TOGETHER, live_scene
 from pinflex.integrators import march
 from pinflex.integrators.run import Run
 from pinflex.levels.outputs import Outputs
@@ -25,6 +27,7 @@ def native_run(mechanism: Mechanism, t: Array) -> Run:
     jumps = breaks(scene.motion, dynamics.system.loads)
 
     def keeper(steps: march.Radau) -> Judge:
+        steps.control = replace(steps.control, grain=GRAIN)
         tabulate(steps, scene.motion, (float(t[0]), float(t[-1])), jumps)
         return Judge(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False)
 

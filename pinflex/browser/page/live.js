@@ -78,25 +78,35 @@ function hear({data}) {
   if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
   live.shown = data.id;
   live.took = data.took;
+  if (S.run !== DATA.live.run) show(DATA.live.run);   // of several it is this one that sliders change
   live.got = {...(live.got && live.got.id === data.id ? live.got : {}), ...data};
   live[data.part](data);
 }
-live.shape = (d) => {
-  const share = (S.t - R.t[0]) / (R.t[R.t.length - 1] - R.t[0] || 1);
+live.torque = (d) => {
+  const share = (S.t - R.t[0]) / (R.t[R.t.length - 1] - R.t[0] || 1), motors = DATA.live.motors, n = motors.length;
   R.t = Array.from(d.t);
-  for (const k of R.links) { const x = d.links[k.name]; for (const name of ["disp", "y_disp", "y_rigid"]) k[name] = Object.assign(x[name], {shape: k[name].shape}); }
-  for (const b of R.bodies) if (d.bodies[b.name] && b.disp) b.disp = Object.assign(d.bodies[b.name], {shape: b.disp.shape});
-  if (d.track && R.track) Object.assign(R.track, {disp: Object.assign(d.track.disp, {shape: R.track.disp.shape}), deviation: d.track.deviation, angle: d.track.angle});
-  DATA.live.motors.forEach((name, i) => {
-    const y = Float32Array.from(R.t, (_, k) => d.torque[k * DATA.live.motors.length + i]);
+  motors.forEach((name, i) => {
+    const y = Float32Array.from(R.t, (_, k) => d.torque[k * n + i]);
     for (const p of R.plots) for (const c of p.curves) if (c.name === name && !c.rigid && /^motor/.test(p.title)) c.y = y;
     for (const a of R.torques) if (a.name === name) a.value = y;
   });
-  for (const p of R.plots) {
-    p.curves = p.curves.filter((c) => !c.rigid);     // of other settings
-    if (p.deviation && d.track) p.curves[0].y = d.track.deviation.map((x) => R.track.factor * x);
-  }
-  live.afresh(share);
+  for (const p of R.plots) p.curves = p.curves.filter((c) => !c.rigid);     // of other settings
+  $("time").min = R.t[0]; $("time").max = R.t[R.t.length - 1];
+  if (S.zoom) S.zoom = null;
+  S.t = R.t[0] + share * (R.t[R.t.length - 1] - R.t[0]);
+  drawPlots();
+  liveSays("shape …");
+};
+live.shape = (d) => {
+  for (const k of R.links) { const x = d.links[k.name]; for (const name of ["disp", "y_disp", "y_rigid"]) k[name] = Object.assign(x[name], {shape: k[name].shape}); }
+  for (const b of R.bodies) if (d.bodies[b.name] && b.disp) b.disp = Object.assign(d.bodies[b.name], {shape: b.disp.shape});
+  if (d.track && R.track) Object.assign(R.track, {disp: Object.assign(d.track.disp, {shape: R.track.disp.shape}), deviation: d.track.deviation, angle: d.track.angle});
+  for (const p of R.plots) if (p.deviation && d.track) p.curves[0].y = d.track.deviation.map((x) => R.track.factor * x);
+  scene.away = {};
+  for (const b of scene.links) b.away = {};
+  R.largest = Math.max(0, ...R.links.map((k) => maxAbs(k.disp)));
+  drawPath();
+  live.afresh();
   liveSays("stresses …");
 };
 live.stress = (d) => {
@@ -109,11 +119,14 @@ live.stress = (d) => {
     const k = R.links.find((x) => x.name === c.name), f = k && k.fields.von_mises;
     if (f) c.y = Float32Array.from(R.t, (_, i) => { let m = 0; for (let j = i * f.shape[1]; j < (i + 1) * f.shape[1]; j++) m = Math.max(m, f[j]); return 1e-6 * m; });
   }
-  live.afresh(null);
+  scene.peaks = {};
+  for (const b of scene.links) b.fields = linkFields(b.data, R.t.length);
+  setColours();
+  live.afresh();
 };
 live.error = (d) => {
   const worst = Math.max(...Object.values(d.error)), percent = (x) => `${digits(100 * x, 2)} %`;
-  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}`, why: `torque ±${percent(d.error.torque)}, deflection ±${percent(d.error.deflection)}: what a second correction of every step changes`}];
+  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `torque ±${percent(d.error.torque)}, deflection ±${percent(d.error.deflection)}: what a second correction of every step changes`}];
   if (d.told > 1e-9) told.push({kind: d.told > 1e-3 ? "care" : "plain", text: `tables ±${percent(d.told)}`, why: "tables between those that were made beforehand, of their largest entry"});
   for (const k of R.links) {
     const most = 1e-6 * maxAbs(k.fields.von_mises || [0]);
@@ -121,24 +134,17 @@ live.error = (d) => {
   }
   R.verdicts = told;
   showVerdicts();
+  layoutChanged();                                  // labels keep clear of them
   document.body.classList.remove("computing");
   liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
   live.done = d.id;
 };
-/* Everything that was found from the run before, again. */
-live.afresh = (share) => {
-  const nt = R.t.length;
-  scene.peaks = {}; scene.away = {};
-  for (const b of scene.links) { b.fields = linkFields(b.data, nt); b.away = {}; }
-  R.largest = Math.max(0, ...R.links.map((k) => maxAbs(k.disp)));
-  $("time").min = R.t[0]; $("time").max = R.t[nt - 1];
-  if (S.zoom && share !== null) S.zoom = null;
-  setColours();
+/* What is drawn of the run, again. */
+live.afresh = () => {
   drawPlots();
   openTable();
   openBeam();
-  drawPath();
-  seek(share === null ? S.t : R.t[0] + share * (R.t[nt - 1] - R.t[0]));
+  seek(S.t);
 };
 function stopLive(why) {
   for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = true;

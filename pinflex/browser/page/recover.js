@@ -11,6 +11,7 @@ class Recovery {
     if (o.platform) nodes.add(o.platform[0]);
     this.nodes = [...nodes].filter((n) => n >= 0);
     this.row = new Map(this.nodes.map((n, i) => [n, i]));
+    this.ready = new Map();
   }
   wanted() {
     const {heap} = this, at = heap.lend("wanted", this.nodes.length + 1);
@@ -46,78 +47,113 @@ class Recovery {
     const get = (j, size) => this.heap.view(rooms[j], size).slice();
     return {g: get(2, sizes.g), f: get(3, sizes.f), loops: get(4, sizes.loops)};
   }
-  /* Centreline and y axis of the sections (n, nx, 3), section forces (n, nx, 6) of one body of a link;
-     forces null: its shape alone. */
-  piece(p, n, s, poses, forces) {
-    const {nq, nq_rigid, nV} = this.equations.c, get = (name) => p[name] === undefined ? null : this.array(p[name]);
-    const [x, Phi, G, outer, twist, bodyPhi, bodyX, loadX, stations, twists] = ["x", "Phi", "G", "outer", "outer_twist", "body_Phi", "body_x", "loads", "stations", "twists"].map(get);
-    const nx = x.length, [from, to] = p.eta, m = to - from, ns = bodyX.length, nt = twists ? twists.length : 0, root = this.placed(poses, n, p.root);
-    const nodes = p.nodes.map((node) => this.row.get(node)), all = this.nodes.length;
-    const line = new Float64Array(n * nx * 3), normal = new Float64Array(n * nx * 3), force = new Float64Array(n * nx * 6);
-    const d = new Float64Array(nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), hung = forces && forces.f;
-    const curved = G ? Array.from({length: nx * 6}, (_, r) => G.subarray(r * m * m, (r + 1) * m * m).some((v) => v !== 0)) : null;
-    const where = Array.from(loadX || [], (v) => { let best = 0; for (let i = 1; i < nx; i++) if (Math.abs(x[i] - v) < Math.abs(x[best] - v)) best = i; return best; });
+  /* What a link's arrays come to at the present settings, for many poses: entries that are not zero, row by row. */
+  prepared(p) {
+    if (this.ready.has(p)) return this.ready.get(p);
+    const get = (name) => p[name] === undefined ? null : this.array(p[name]), [from, to] = p.eta, m = to - from;
+    const x = get("x"), nx = x.length, loadX = get("loads") || [];
+    const where = Array.from(loadX, (v) => { let best = 0; for (let i = 1; i < nx; i++) if (Math.abs(x[i] - v) < Math.abs(x[best] - v)) best = i; return best; });
+    const way = get("way"), width = way.length / (6 * nx);
+    const made = {x, nx, m, from, where, loadX, outer: get("outer"), twist: get("outer_twist"), bodyPhi: get("body_Phi"), bodyX: get("body_x"),
+      stations: get("stations"), twists: get("twists"), way: sparse(way, 6 * nx, width), width};
+    this.ready.set(p, made);
+    return made;
+  }
+  /* Of sections (n, nx, 6): displacements and angles in the frame of the body. */
+  bent(p, n, y) {
+    const {nq, nq_rigid} = this.equations.c, {nx, m, from, way: {row, at, value}, width} = this.prepared(p), rows = 6 * nx, d = new Float64Array(n * rows), term = new Float64Array(width);
     for (let k = 0; k < n; k++) {
-      const eta = s.y.subarray(k * nq + nq_rigid + from, k * nq + nq_rigid + to), g = forces ? forces.g.subarray(k * nV, (k + 1) * nV) : null;
-      for (let r = 0; r < nx * 6; r++) {
+      const e = k * nq + nq_rigid + from, o = k * rows;
+      for (let i = 0; i < m; i++) term[i] = y[e + i];
+      for (let i = 0, q = m; q < width; i++) for (let j = i; j < m; j++) term[q++] = term[i] * term[j];
+      for (let r = 0; r < rows; r++) {
         let v = 0;
-        for (let i = 0; i < m; i++) v += Phi[r * m + i] * eta[i];
-        if (curved && curved[r]) for (let i = 0, a = r * m * m; i < m; i++) { let w = 0; for (let j = 0; j < m; j++) w += G[a++] * eta[j]; v += 0.5 * w * eta[i]; }
-        d[r] = v;
+        for (let i = row[r], end = row[r + 1]; i < end; i++) v += value[i] * term[at[i]];
+        d[o + r] = v;
       }
-      for (let i = 0; forces && i < ns; i++) {
-        for (let c = 0; c < 3; c++) {
-          pull[3 * i + c] = g[stations[3 * i + c]];
-          let v = c ? 0 : bodyX[i];
-          for (let j = 0; j < m; j++) v += bodyPhi[(3 * i + c) * m + j] * eta[j];
-          arm[3 * i + c] = v;
-        }
-      }
-      const at = 12 * k;
+    }
+    return d;
+  }
+  /* Centreline and y axis of the sections (n, nx, 3) in the world. */
+  shape(p, n, d, poses) {
+    const {nx, x} = this.prepared(p), root = this.placed(poses, n, p.root), line = new Float64Array(3 * n * nx), normal = new Float64Array(3 * n * nx);
+    for (let k = 0; k < n; k++) {
       for (let i = 0; i < nx; i++) {
-        let F0 = 0, F1 = 0, F2 = 0, M0 = 0, M1 = 0, M2 = 0;
-        if (forces) {
-          for (let j = 0; j < ns; j++) {
-            const w = outer[i * ns + j], q = 3 * j, a = arm[q], b = arm[q + 1], c = arm[q + 2], u = w * pull[q], v = w * pull[q + 1], z = w * pull[q + 2];
-            F0 += u; F1 += v; F2 += z;
-            M0 += b * z - c * v; M1 += c * u - a * z; M2 += a * v - b * u;
-          }
-          for (let j = 0; j < nt; j++) M0 += twist[i * nt + j] * g[twists[j]];
-          for (let l = 0; l < nodes.length; l++) {
-            if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
-            const q = 6 * where[l], f = 6 * (k * all + nodes[l]), u = hung[f], v = hung[f + 1], z = hung[f + 2], a = d[q] + loadX[l], b = d[q + 1], c = d[q + 2];
-            F0 += u; F1 += v; F2 += z;
-            M0 += hung[f + 3] + b * z - c * v; M1 += hung[f + 4] + c * u - a * z; M2 += hung[f + 5] + a * v - b * u;
-          }
-        }
-        const px = d[6 * i] + x[i], py = d[6 * i + 1], pz = d[6 * i + 2], o = 6 * (k * nx + i);
-        force[o] = -F0; force[o + 1] = -F1; force[o + 2] = -F2;
-        force[o + 3] = py * F2 - pz * F1 - M0; force[o + 4] = pz * F0 - px * F2 - M1; force[o + 5] = px * F1 - py * F0 - M2;
+        const o = 6 * (k * nx + i), q = o >> 1, px = d[o] + x[i], py = d[o + 1], pz = d[o + 2], a = d[o + 3], b = d[o + 4], c = d[o + 5];
         /* the y axis of Rz(a) Ry(b) Rx(c) */
-        const a = d[6 * i + 3], b = d[6 * i + 4], c = d[6 * i + 5], sa = Math.sin(a), ca = Math.cos(a), sc = Math.sin(c), cc = Math.cos(c), sb = Math.sin(b);
-        const y0 = ca * sb * sc - sa * cc, y1 = sa * sb * sc + ca * cc, y2 = Math.cos(b) * sc, q = 3 * (k * nx + i);
+        const sa = Math.sin(a), ca = Math.cos(a), sc = Math.sin(c), cc = Math.cos(c), sb = Math.sin(b);
+        const y0 = ca * sb * sc - sa * cc, y1 = sa * sb * sc + ca * cc, y2 = Math.cos(b) * sc;
         for (let r = 0; r < 3; r++) {
-          const e = at + 4 * r;
+          const e = 12 * k + 4 * r;
           line[q + r] = root[e] * px + root[e + 1] * py + root[e + 2] * pz + root[e + 3];
           normal[q + r] = root[e] * y0 + root[e + 1] * y1 + root[e + 2] * y2;
         }
       }
     }
-    return {nx, line, normal, force};
+    return {line, normal};
   }
-  /* A link of one body or of several, at the stations kept. */
-  link(link, n, s, poses, forces, kept) {
-    const pieces = link.pieces.map((p) => this.piece(p, n, s, poses, forces)), places = [];
-    pieces.forEach((p, j) => { for (let i = j ? 1 : 0; i < p.nx; i++) places.push([p, i]); });
-    const pick = (name, width) => {
-      const out = new Float64Array(n * kept.length * width);
-      kept.forEach((at, i) => { const [p, j] = places[at]; for (let k = 0; k < n; k++) for (let c = 0; c < width; c++) out[(k * kept.length + i) * width + c] = p[name][(k * p.nx + j) * width + c]; });
-      return out;
-    };
-    const shape = {line: pick("line", 3), normal: pick("normal", 3)};
-    if (!forces) return shape;
-    const force = pick("force", 6);
-    return {...shape, force, stress: this.stresses(link, force)};
+  /* Section forces (n, nx, 6) of one body of a link. */
+  sections(p, n, y, d, forces) {
+    const {nq, nq_rigid, nV} = this.equations.c, {nx, m, x, from, where, loadX, outer, twist, bodyPhi, bodyX, stations, twists} = this.prepared(p);
+    const ns = bodyX.length, nt = twists ? twists.length : 0, all = this.nodes.length, nodes = p.nodes.map((node) => this.row.get(node));
+    const force = new Float64Array(n * nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), hung = forces.f, g = forces.g;
+    for (let k = 0; k < n; k++) {
+      const e = k * nq + nq_rigid + from, o = k * nV;
+      for (let i = 0; i < ns; i++) {
+        for (let c = 0; c < 3; c++) {
+          const q = 3 * i + c;
+          let v = c ? 0 : bodyX[i];
+          for (let j = 0; j < m; j++) v += bodyPhi[q * m + j] * y[e + j];
+          pull[q] = g[o + stations[q]];
+          arm[q] = v;
+        }
+      }
+      for (let i = 0; i < nx; i++) {
+        let F0 = 0, F1 = 0, F2 = 0, M0 = 0, M1 = 0, M2 = 0;
+        for (let j = 0; j < ns; j++) {
+          const w = outer[i * ns + j];
+          if (w === 0) continue;
+          const q = 3 * j, a = arm[q], b = arm[q + 1], c = arm[q + 2], u = w * pull[q], v = w * pull[q + 1], z = w * pull[q + 2];
+          F0 += u; F1 += v; F2 += z;
+          M0 += b * z - c * v; M1 += c * u - a * z; M2 += a * v - b * u;
+        }
+        for (let j = 0; j < nt; j++) M0 += twist[i * nt + j] * g[o + twists[j]];
+        const at = 6 * (k * nx + i);
+        for (let l = 0; l < nodes.length; l++) {
+          if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
+          const q = 6 * (k * nx + where[l]), f = 6 * (k * all + nodes[l]), u = hung[f], v = hung[f + 1], z = hung[f + 2], a = d[q] + loadX[l], b = d[q + 1], c = d[q + 2];
+          F0 += u; F1 += v; F2 += z;
+          M0 += hung[f + 3] + b * z - c * v; M1 += hung[f + 4] + c * u - a * z; M2 += hung[f + 5] + a * v - b * u;
+        }
+        const px = d[at] + x[i], py = d[at + 1], pz = d[at + 2];
+        force[at] = -F0; force[at + 1] = -F1; force[at + 2] = -F2;
+        force[at + 3] = py * F2 - pz * F1 - M0; force[at + 4] = pz * F0 - px * F2 - M1; force[at + 5] = px * F1 - py * F0 - M2;
+      }
+    }
+    return force;
+  }
+  /* Rows (n, kept) of `width` numbers of a link's bodies, at the stations that are drawn. */
+  kept(link, n, found, width) {
+    const sizes = link.pieces.map((p) => this.prepared(p).nx), {kept} = link;
+    if (sizes.length === 1 && kept.length === sizes[0]) return found[0];
+    const places = [], out = new Float64Array(n * kept.length * width);
+    sizes.forEach((nx, j) => { for (let i = j ? 1 : 0; i < nx; i++) places.push([j, i]); });
+    kept.forEach((at, i) => {
+      const [j, from] = places[at], of = found[j], nx = sizes[j];
+      for (let k = 0; k < n; k++) for (let c = 0; c < width; c++) out[(k * kept.length + i) * width + c] = of[(k * nx + from) * width + c];
+    });
+    return out;
+  }
+  /* How each of a link's bodies bends at poses y (n, nq). */
+  bending(link, n, y) { return link.pieces.map((p) => this.bent(p, n, y)); }
+  shapes(link, n, d, poses) {
+    const found = link.pieces.map((p, j) => this.shape(p, n, d[j], poses));
+    return {line: this.kept(link, n, found.map((x) => x.line), 3), normal: this.kept(link, n, found.map((x) => x.normal), 3)};
+  }
+  /* Section forces and stresses of a link at the stations that are drawn. */
+  strained(link, n, y, d, forces) {
+    const force = this.kept(link, n, link.pieces.map((p, j) => this.sections(p, n, y, d[j], forces)), 6);
+    return {force, stress: this.stresses(link, force)};
   }
   stresses(link, force) {
     const [A, Iy, Iz, Wt] = this.array(link.section), fibres = this.array(link.fibres), all = fibres.length / 2, count = force.length / 6;
@@ -143,4 +179,13 @@ class Recovery {
     }
     return out;
   }
+}
+/* The entries of `rows` rows of `width` that are not zero. */
+function sparse(x, rows, width) {
+  const row = new Int32Array(rows + 1), at = [], value = [];
+  for (let r = 0; r < rows; r++) {
+    for (let i = 0; i < width; i++) if (x[r * width + i] !== 0) { at.push(i); value.push(x[r * width + i]); }
+    row[r + 1] = at.length;
+  }
+  return {row, at: Int32Array.from(at), value: Float64Array.from(value)};
 }

@@ -71,12 +71,25 @@ function answer({lu, scale, size}, b) {
   for (let i = 0; i < size; i++) b[i] *= scale[i];
   return b;
 }
+/* y -= f x of rows of B (., n) */
+function less(B, n, y, x, f) { if (f !== 0) for (let k = 0, a = y * n, b = x * n; k < n; k++) B[a++] -= f * B[b++]; }
+/* The same for n columns of B (size, n): sums that do not wait for one another. */
+function answers({lu: {A, pivot}, scale, size}, B, n) {
+  const scaled = () => { for (let i = 0; i < size; i++) for (let k = 0; k < n; k++) B[i * n + k] *= scale[i]; };
+  scaled();
+  for (let i = 0; i < size; i++) if (pivot[i] !== i) for (let k = 0; k < n; k++) { const x = B[i * n + k]; B[i * n + k] = B[pivot[i] * n + k]; B[pivot[i] * n + k] = x; }
+  for (let i = 0; i < size; i++) for (let j = 0; j < i; j++) less(B, n, i, j, A[i * size + j]);
+  for (let i = size - 1; i >= 0; i--) {
+    for (let j = i + 1; j < size; j++) less(B, n, i, j, A[i * size + j]);
+    for (let k = 0; k < n; k++) B[i * n + k] /= A[i * size + i];
+  }
+  scaled();
+}
 
 /* Accelerations and multipliers that solve the equations at samples inside steps (integrators/inside.py):
-in place, away from jumps; h: mean length of the steps, s. */
-function settle(equations, t, jumps, h, states) {
-  const {nq, nv, closures} = equations.c, near = 1e-9 * (t[t.length - 1] - t[0]);
-  const away = [...t.keys()].filter((k) => jumps.every((x) => Math.abs(t[k] - x) > near)), blocks = Math.min(13, away.length);
+in place, away from jumps; h: mean length of the steps, s; span: of the run, s. */
+function settle(equations, t, jumps, h, states, span) {
+  const near = 1e-9 * span, away = [...t.keys()].filter((k) => jumps.every((x) => Math.abs(t[k] - x) > near)), blocks = Math.min(13, Math.ceil(away.length / 8));
   for (let b = 0, from = 0; b < blocks; b++) {
     const size = Math.floor(away.length / blocks) + (b < away.length % blocks ? 1 : 0);
     if (!settleBlock(equations, states, away.slice(from, from + size), h)) return false;
@@ -97,23 +110,20 @@ function settleBlock(equations, states, block, h) {
     const at = free[i] * nv + free[j];
     S[at] += soft[i * n + j] = h / 7 * C[at] + h * h / 50 * K[at];
   }
-  const matrix = equations.saddle(S, J), size = matrix.size, rows = block.length, moved = new Float64Array(rows * n), b = new Float64Array(size);
+  const matrix = equations.saddle(S, J), size = matrix.size, rows = block.length, moved = new Float64Array(rows * n), B = new Float64Array(size * rows);
   const y = rowsOf(states.y, nq, block), v = rowsOf(states.v, nv, block), a = rowsOf(states.a, nv, block), lam = rowsOf(states.lam, closures, block);
   let first = 0;
   for (let round = 0; round < 8; round++) {
     const [r] = equations.residuals(rows, y, v, a, lam), open = closures ? equations.closureMotion(rows, y, v, a) : [];
     let far = 0;
-    for (let k = 0; k < rows; k++) {
-      for (let i = 0; i < n; i++) {
-        let x = r[k * nv + free[i]];
-        if (round) for (let j = 0; j < n; j++) x += soft[i * n + j] * moved[k * n + j];
-        b[i] = -x;
-      }
-      for (let i = 0; i < closures; i++) b[n + i] = -open[k * closures + i];
-      answer(matrix, b);
-      for (let i = 0; i < n; i++) { moved[k * n + i] += b[i]; a[k * nv + free[i]] += b[i]; far = Math.max(far, Math.abs(b[i])); }
-      for (let i = 0; i < closures; i++) lam[k * closures + i] -= b[n + i];
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < rows; k++) B[i * rows + k] = -r[k * nv + free[i]];
+      for (let j = 0; round && j < n; j++) { const f = soft[i * n + j]; if (f !== 0) for (let k = 0; k < rows; k++) B[i * rows + k] -= f * moved[j * rows + k]; }
     }
+    for (let i = 0; i < closures; i++) for (let k = 0; k < rows; k++) B[(n + i) * rows + k] = -open[k * closures + i];
+    answers(matrix, B, rows);
+    for (let i = 0; i < n; i++) for (let k = 0; k < rows; k++) { const x = B[i * rows + k]; moved[i * rows + k] += x; a[k * nv + free[i]] += x; far = Math.max(far, Math.abs(x)); }
+    for (let i = 0; i < closures; i++) for (let k = 0; k < rows; k++) lam[k * closures + i] -= B[(n + i) * rows + k];
     first = Math.max(first, far);
     if (!(far <= 1e-6 * first)) continue;
     block.forEach((k, i) => { states.a.set(a.subarray(i * nv, (i + 1) * nv), k * nv); states.lam.set(lam.subarray(i * closures, (i + 1) * closures), k * closures); });

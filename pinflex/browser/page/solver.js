@@ -25,6 +25,7 @@ class Solver {
   /* Tables at settings {slider: p}. */
   apply(settings) {
     this.now.set(this.base);
+    this.recovery.ready.clear();
     const changes = this.header.sliders.filter((s) => s.change).map((s) => [settings[s.name] ?? s.value, s]);
     const order = {line: 0, polynomial: 0, factor: 1};
     changes.sort((a, b) => order[a[1].change.kind] - order[b[1].change.kind]);
@@ -33,8 +34,8 @@ class Solver {
       if (change.kind === "factor") for (let i = 0; i < n; i++) to[at[i]] *= p / made;
       else if (change.kind === "line") for (let i = 0; i < n; i++) to[at[i]] += (p - made) * given[n + i];
       else {
-        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)];
-        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * given[k * n + i]; to[at[i]] += x; }
+        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)], columns = this.data(change.columns);
+        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * columns[k * change.count + given[i]]; to[at[i]] += x; }
       }
     }
     this.stretch(1 / (settings.speed ?? 1));
@@ -71,15 +72,19 @@ class Solver {
     const [y, v] = this.start();
     return this.march.run(this.t, y, v);
   }
-  settled(found) {
-    const s = found.once, h = this.march.span / Math.max(found.steps, 1);
-    settle(this.equations, this.t, this.jumps, h, s);
-    return s;
+  /* Some of the samples (indices) of a run, with what a pose and its rates leave to be solved for. */
+  settled(found, which) {
+    const {nq, nv, closures, motors} = this.header.counts, of = found.once, h = this.march.span / Math.max(found.steps, 1), pick = (name, width) => rowsOf(of[name], width, which);
+    const some = {y: pick("y", nq), v: pick("v", nv), a: pick("a", nv), lam: pick("lam", closures), torque: pick("torque", motors)};
+    settle(this.equations, Float64Array.from(which, (k) => this.t[k]), this.jumps, h, some, this.march.span);
+    return some;
   }
-  /* Rigid poses at the samples: the same at any speed, and whatever the links. */
+  /* The rigid robot at the samples, the same at any speed and whatever the links: poses, bodies, links. */
   rigid(s, n) {
-    if (!this.still) this.still = rigidPoses(this.heap, this.equations, s.y, n);
-    return this.still;
+    if (this.still) return this.still;
+    const {recovery} = this, {links} = this.header.outputs, y = rigidPoses(this.heap, this.equations, s.y, n), poses = recovery.poses(n, y);
+    const shapes = Object.fromEntries(links.map((link) => [link.name, recovery.shapes(link, n, recovery.bending(link, n, y), poses)]));
+    return this.still = {y, poses, shapes};
   }
 }
 /* Barycentric weights at x of a polynomial through Chebyshev points of the second kind. */

@@ -1,5 +1,5 @@
 /* worker.js: the page's other thread. A message {id, settings} is answered in parts, each as soon as it
-is known: shape (torques, poses), stress, error; a newer message stops the older one between them. */
+is known: torque, shape, stress (at first at some samples), error; a newer message stops the older one between them. */
 let solver = null, wanted = null, busy = false;
 onmessage = async ({data}) => {
   if (data.wasm) {
@@ -23,40 +23,65 @@ const breath = () => new Promise((next) => { const {port1, port2} = new MessageC
 const single = (x) => Float32Array.from(x);
 
 async function answerTo({id, settings}) {
-  const newer = async () => { await breath(); return wanted !== null; }, began = performance.now();
-  const found = solver.states(settings), n = solver.t.length, {recovery, header} = solver, o = header.outputs, s = found.once;
-  const poses = recovery.poses(n, s.y), rigidY = solver.rigid(s, n), still = recovery.poses(n, rigidY);
-  const state = {...s, y: rigidY}, shapes = {};
-  for (const link of o.links) shapes[link.name] = shapeOf(recovery.link(link, n, s, poses, null, link.kept), recovery.link(link, n, state, still, null, link.kept), n);
-  const bodies = {};
-  for (const [name, at] of Object.entries(o.bodies)) bodies[name] = difference(recovery.placed(poses, n, at), recovery.placed(still, n, at));
-  const track = o.platform && trackOf(recovery.placed(poses, n, o.platform), recovery.placed(still, n, o.platform), n);
-  postMessage({id, part: "shape", t: solver.t, torque: s.torque.slice(), links: shapes, bodies, track, steps: found.steps, took: performance.now() - began});
-  if (await newer()) return;
-  const settled = solver.settled(found), forces = recovery.forces(n, settled), fields = {}, sections = {};
+  const newer = async () => { await breath(); return wanted !== null; }, began = performance.now(), took = () => performance.now() - began;
+  const found = solver.states(settings), n = solver.t.length, {recovery, header} = solver, o = header.outputs, {once} = found;
+  postMessage({id, part: "torque", t: solver.t, torque: once.torque.slice(), steps: found.steps, took: took()});
+  const poses = recovery.poses(n, once.y), still = solver.rigid(once, n), shapes = {}, bent = {}, bodies = {};
   for (const link of o.links) {
-    const {stress, force} = recovery.link(link, n, settled, poses, forces, link.kept);
-    fields[link.name] = Object.fromEntries(Object.entries(stress).map(([k, x]) => [k, single(x)]));
-    sections[link.name] = Object.fromEntries(["N", "Vy", "Vz", "T", "My", "Mz"].map((k, c) => [k, Float32Array.from({length: force.length / 6}, (_, i) => force[6 * i + c])]));
+    bent[link.name] = recovery.bending(link, n, once.y);
+    shapes[link.name] = shapeOf(recovery.shapes(link, n, bent[link.name], poses), still.shapes[link.name], n);
   }
-  postMessage({id, part: "stress", fields, sections, joints: jointForces(forces, poses, still, n), took: performance.now() - began});
+  for (const [name, at] of Object.entries(o.bodies)) bodies[name] = difference(recovery.placed(poses, n, at), recovery.placed(still.poses, n, at));
+  const track = o.platform && trackOf(recovery.placed(poses, n, o.platform), recovery.placed(still.poses, n, o.platform), n);
+  postMessage({id, part: "shape", links: shapes, bodies, track, took: took()});
   if (await newer()) return;
-  postMessage({id, part: "error", error: errorOf(s, found.again()), told: toldOf(settings), took: performance.now() - began});
+  /* First at some samples, with straight lines between them; then at all. */
+  const every = Math.floor(n / FIRST_SAMPLES), all = [...Array(n).keys()], some = all.filter((k) => k % every === 0 || k === n - 1);
+  for (const which of every > 1 ? [some, all] : [all]) {
+    const rough = which.length < n, stressed = stressesAt(which, found, bent, poses, still.poses);
+    postMessage({id, part: "stress", rough, ...(rough ? between(stressed, which, n) : stressed), took: took()});
+    if (await newer()) return;
+  }
+  postMessage({id, part: "error", error: errorOf(once, found.again()), told: toldOf(settings), took: took()});
 }
-function difference(a, b) { return Float32Array.from(a, (x, i) => x - b[i]); }
+const FIRST_SAMPLES = 50;
+/* Stresses and section forces of links, and forces of joints, at some samples of a run. */
+function stressesAt(which, found, bent, poses, still) {
+  const {recovery, header} = solver, n = which.length, settled = solver.settled(found, which), forces = recovery.forces(n, settled), fields = {}, sections = {}, full = solver.t.length;
+  for (const link of header.outputs.links) {
+    const d = bent[link.name].map((x) => n === full ? x : rowsOf(x, x.length / full, which)), {stress, force} = recovery.strained(link, n, settled.y, d, forces);
+    fields[link.name] = Object.fromEntries(Object.entries(stress).map(([k, x]) => [k, single(x)]));
+    sections[link.name] = Object.fromEntries(["N", "Vy", "Vz", "T", "My", "Mz"].map((k, c) => { const x = new Float32Array(force.length / 6); for (let i = 0; i < x.length; i++) x[i] = force[6 * i + c]; return [k, x]; }));
+  }
+  return {fields, sections, joints: jointForces(forces, poses, still, which)};
+}
+/* Arrays at some samples as arrays at all n, straight between: whatever the nesting. */
+function between(x, which, n) {
+  if (!ArrayBuffer.isView(x)) return Object.fromEntries(Object.entries(x).map(([k, y]) => [k, between(y, which, n)]));
+  const width = x.length / which.length, out = new Float32Array(n * width);
+  for (let k = 0, j = 0; k < n; k++) {
+    while (j < which.length - 2 && which[j + 1] <= k) j++;
+    const w = (k - which[j]) / (which[j + 1] - which[j]);
+    for (let i = 0; i < width; i++) out[k * width + i] = (1 - w) * x[j * width + i] + w * x[(j + 1) * width + i];
+  }
+  return out;
+}
+function difference(a, b) {
+  const out = new Float32Array(a.length);
+  for (let i = 0; i < out.length; i++) out[i] = a[i] - b[i];
+  return out;
+}
 /* Displacements from the rigid link, and the y axis of its sections, as viewer/links.py has them. */
 function shapeOf(now, rigid, n) {
-  const m = now.line.length / (3 * n), yRigid = new Float32Array(3 * n), yDisp = new Float32Array(3 * n * m);
+  const m = now.line.length / (3 * n), yRigid = new Float32Array(3 * n), yDisp = new Float32Array(3 * n * m), {line} = rigid, {normal} = now;
   for (let k = 0; k < n; k++) {
-    const a = 3 * k * m, b = a + 3 * (m - 1), along = [0, 1, 2].map((c) => rigid.line[b + c] - rigid.line[a + c]), y = [0, 1, 2].map((c) => now.normal[a + c]);
-    const l = Math.hypot(...along) || 1, dot = (along[0] * y[0] + along[1] * y[1] + along[2] * y[2]) / (l * l);
-    const square = y.map((v, c) => v - dot * along[c]), size = Math.hypot(...square) || 1;
-    for (let c = 0; c < 3; c++) {
-      yRigid[3 * k + c] = square[c] / size;
-      for (let i = 0; i < m; i++) yDisp[a + 3 * i + c] = now.normal[a + 3 * i + c] - square[c] / size;
-    }
+    const a = 3 * k * m, b = a + 3 * (m - 1), u = line[b] - line[a], v = line[b + 1] - line[a + 1], w = line[b + 2] - line[a + 2];
+    const dot = (u * normal[a] + v * normal[a + 1] + w * normal[a + 2]) / (u * u + v * v + w * w || 1);
+    const p = normal[a] - dot * u, q = normal[a + 1] - dot * v, r = normal[a + 2] - dot * w, size = Math.hypot(p, q, r) || 1;
+    yRigid[3 * k] = p / size; yRigid[3 * k + 1] = q / size; yRigid[3 * k + 2] = r / size;
+    for (let i = a; i <= b; i += 3) { yDisp[i] = normal[i] - p / size; yDisp[i + 1] = normal[i + 1] - q / size; yDisp[i + 2] = normal[i + 2] - r / size; }
   }
-  return {disp: difference(now.line, rigid.line), y_rigid: yRigid, y_disp: yDisp};
+  return {disp: difference(now.line, line), y_rigid: yRigid, y_disp: yDisp};
 }
 /* How far the platform is from the rigid one: its way, its size, its turn. */
 function trackOf(now, rigid, n) {
@@ -78,18 +103,20 @@ function trackOf(now, rigid, n) {
   }
   return {disp, deviation, angle, position};
 }
-/* Forces on what joints carry, in the world, and how far their origins are off. */
-function jointForces(forces, poses, still, n) {
-  const out = {}, {recovery} = solver, all = recovery.nodes.length;
+/* Forces on what joints carry, in the world, and how far their origins are off, at some samples. */
+function jointForces(forces, poses, still, which) {
+  const out = {}, {recovery} = solver, all = recovery.nodes.length, full = solver.t.length, n = which.length;
   for (const [name, node] of Object.entries(solver.header.outputs.joints)) {
     const i = recovery.row.get(node);
     if (i === undefined) continue;
     const vector = new Float32Array(3 * n), disp = new Float32Array(3 * n);
-    for (let k = 0; k < n; k++) for (let r = 0; r < 3; r++) {
-      const o = 12 * (i * n + k) + 4 * r, f = 6 * (k * all + i);
-      vector[3 * k + r] = poses[o] * forces.f[f] + poses[o + 1] * forces.f[f + 1] + poses[o + 2] * forces.f[f + 2];
-      disp[3 * k + r] = poses[o + 3] - still[o + 3];
-    }
+    which.forEach((at, k) => {
+      for (let r = 0; r < 3; r++) {
+        const o = 12 * (i * full + at) + 4 * r, f = 6 * (k * all + i);
+        vector[3 * k + r] = poses[o] * forces.f[f] + poses[o + 1] * forces.f[f + 1] + poses[o + 2] * forces.f[f + 2];
+        disp[3 * k + r] = poses[o + 3] - still[o + 3];
+      }
+    });
     out[name] = {vector, disp};
   }
   return out;

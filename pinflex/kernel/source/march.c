@@ -14,6 +14,15 @@ static double length(const March *m) {
   return pieces < 4.0 ? ahead / pieces : m->h;
 }
 
+/* The next smaller one of `grain` lengths in an octave: what round-off does to an estimate of error
+   then does not change the steps, and so not the next estimates. */
+static double rounded(const March *m, double h) {
+  int octave;
+  double part = frexp(h, &octave);
+  if (m->grain == 0.0 || !isfinite(h)) return h;
+  return ldexp(floor(2.0 * m->grain * part) / (2.0 * m->grain), octave);
+}
+
 /* Once more without a prediction and with a new tangent, then shorter. */
 static void after_failure(March *m, double size) {
   m->landing = 0, m->rejected++, m->stale = 1, m->h = size;
@@ -61,7 +70,7 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   if (!(m->idle_from < factor && factor < m->idle_to))
     h = size * fmin(fmax(factor, 0.5), 3.0);
   m->ceiling *= m->growth;
-  m->h = fmin(h, m->ceiling);
+  m->h = rounded(m, fmin(h, m->ceiling));
   m->before = coarseness;
   m->refused = INFINITY, m->follows = 1, m->number++;
   if (m->t < m->stop_at[m->stop] - m->shortest) return ON;
@@ -99,7 +108,8 @@ static int once(const Tables *t, char *memory, March *m) {
   double coarseness = m->steps.coarseness[m->count + 1], factor = growth(m, coarseness);
   if (coarseness > m->resolution && !(m->unjudged && m->number == 0)) {
     if (coarseness < 0.5 * m->refused) {
-      m->rejected++, m->h = size * fmin(fmax(factor, 0.3), 0.7), m->refused = coarseness;
+      m->rejected++, m->h = rounded(m, size * fmin(fmax(factor, 0.3), 0.7));
+      m->refused = coarseness;
       m->landing = 0;
       return -1;
     }

@@ -59,6 +59,7 @@ typedef struct {
   double resolution, least, round_off, seen, open, slack, slow, same_step;
   double planned, speed;             /* length of a step before it was cut, s; rate of what it meets */
   double idle_from, idle_to, order, first, shortest, held, growth, patience;
+  double grain;                      /* lengths of an octave that steps may have; 0: any */
 } March;
 
 /* inputs.c: all columns at a time */

@@ -6,13 +6,11 @@ import copy
 import dataclasses
 import math
 import pickle
-import re
 import sys
 from pathlib import Path
 
 import pytest
 
-import pinflex as pf
 from pinflex.description import description, loops, section
 from pinflex.description.blocks import flexible, material
 from pinflex.description.description import Basis, Description, JointExtra, SolveSpec, read
@@ -179,6 +177,8 @@ def test_a_robot_of_example_robot_data_is_found_without_its_meshes(tmp_path: Pat
     robot = read(write(tmp_path, "urdf: example-robot-data:ur5\n"))
     assert robot.urdf_name == "ur5_robot.urdf"
     assert len(robot.actuated) == 6
+    bare = read("example-robot-data:ur5")  # as `pinflex new` takes it, without a YAML
+    assert (bare.name, bare.actuated) == ("ur5", robot.actuated)
     folder = Path(robot.package_dirs[0])
     assert (folder / "example-robot-data" / "robots" / "ur_description").is_dir()
 
@@ -538,16 +538,6 @@ def test_a_folder_without_its_file_is_named(tmp_path: Path) -> None:
     write(tmp_path)
     with pytest.raises(ModelNotFoundError, match=r"holds no .*\.yaml\. .*scene\.yaml"):
         read(tmp_path)
-
-
-def test_a_robot_of_the_data_package_is_no_description_and_what_it_says_to_write_loads(tmp_path):
-    with pytest.raises(ModelNotFoundError) as refused:
-        pf.load("example-robot-data:panda")
-    written = re.search(r"`(urdf: [^`]+)`", str(refused.value)).group(1)
-    (tmp_path / "own.yaml").write_text(written)
-    assert (
-        len(pf.load(tmp_path / "own.yaml").motors) == 8
-    )  # seven and one finger; the other follows
 
 
 def test_a_urdf_alone_is_a_robot_with_a_motor_in_every_joint_of_one_freedom(tmp_path: Path) -> None:
