@@ -159,7 +159,7 @@ def pictures(folder: str) -> None:
     """Draw the pages' robots, without what stands around them."""
     from PIL import Image
 
-    from pinflex.viewer.export import capture
+    from pinflex.viewer.export import pictures as capture
 
     out = Path(folder)
     out.mkdir(parents=True, exist_ok=True)

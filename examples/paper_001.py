@@ -16,7 +16,7 @@ from papers.reports import statistics, worst_table
 from papers.strain_forces import strain_forces
 
 import pinflex as pf
-from pinflex.recovery.reactions import joint_reactions, shaking
+from pinflex.recovery.recover import joint_reactions, shaking
 from pinflex.results.views import THEORIES, point_stress
 
 CHANGES = (

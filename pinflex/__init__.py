@@ -46,7 +46,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pinflex.advice.advise import advise
-    from pinflex.advice.proposal import Advice
+    from pinflex.advice.reduced_models import Advice
     from pinflex.advice.solve import LEVELS, solve
     from pinflex.browser.page import live_page
     from pinflex.description.blocks.control import (
@@ -88,7 +88,7 @@ if TYPE_CHECKING:
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.inversion.retime import Retimed, retime
-    from pinflex.inversion.tracking import track
+    from pinflex.inversion.verify import track
     from pinflex.levels.modes import Modes, modes, ringing
     from pinflex.levels.quasistatic import (
         Equilibrium,
@@ -107,15 +107,13 @@ if TYPE_CHECKING:
     from pinflex.solver.solve import recompute
     from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
-    from pinflex.studies.many import batch
     from pinflex.studies.play import play, play_map
     from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
     from pinflex.studies.study import Study, compare
-    from pinflex.studies.sweep import sweep
+    from pinflex.studies.sweep import batch, sweep
     from pinflex.variation.design import Design
-    from pinflex.variation.fit import fit
-    from pinflex.variation.fitted import Fit
+    from pinflex.variation.fit import Fit, fit
     from pinflex.variation.optimise import design, pareto
     from pinflex.variation.scatter import Scatter, scatter
     from pinflex.variation.sensitivity import Sensitivities, sensitivities
@@ -268,7 +266,7 @@ _HOME = {
         "Retimed",
         "retime",
     ),
-    "inversion.tracking": ("track",),
+    "inversion.verify": ("track",),
     "levels.modes": (
         "Modes",
         "modes",
@@ -302,14 +300,16 @@ _HOME = {
     "results.comparison": ("comparison",),
     "results.result": ("Result",),
     "advice.advise": ("advise",),
-    "advice.proposal": ("Advice",),
+    "advice.reduced_models": ("Advice",),
     "advice.solve": (
         "LEVELS",
         "solve",
     ),
     "variation.design": ("Design",),
-    "variation.fit": ("fit",),
-    "variation.fitted": ("Fit",),
+    "variation.fit": (
+        "Fit",
+        "fit",
+    ),
     "variation.optimise": (
         "design",
         "pareto",
@@ -334,12 +334,17 @@ _HOME = {
         "FrequencyResponse",
         "frequency_response",
     ),
-    "studies.many": ("batch",),
-    "studies.play": ("play", "play_map"),
+    "studies.sweep": (
+        "batch",
+        "sweep",
+    ),
+    "studies.play": (
+        "play",
+        "play_map",
+    ),
     "studies.pose_map": ("pose_map",),
     "studies.pose": ("platform_compliance",),
     "solver.solve": ("recompute",),
-    "studies.sweep": ("sweep",),
     "viewer.view": ("view",),
     "browser.page": ("live_page",),
 }

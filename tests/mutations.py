@@ -52,7 +52,7 @@ DryFriction.force = lambda self, v: 0.0 * v[..., self.rows]
     ),
     "a rotor's inertia by the gear, not by its square": (
         """
-from pinflex.description.blocks.drives import Drive
+from pinflex.description.blocks.joints import Drive
 Drive.rotor_inertia = property(lambda self: self.gear * self.motor_inertia)
 """,
         ["tests/verification/test_elastic_drives.py"],
@@ -108,7 +108,7 @@ basis.FlexibleBody.rows = rows
     ),
     "modes about a motion without gyroscopic terms": (
         """
-import pinflex.levels.moving_modes as moving
+import pinflex.levels.modes as moving
 plain = moving._quadratic
 moving._quadratic = lambda M, C, K: plain(M, 0 * C, K)
 """,
@@ -178,7 +178,7 @@ step.consistent_acceleration = nothing
     ),
     "riders off: what the beam cannot carry of a link's inertia is lost": (
         """
-import pinflex.mechanics.model.ride as ride
+import pinflex.mechanics.model.tree as ride
 from dataclasses import replace
 plain = ride.split
 ride.split = lambda *link: replace(plain(*link), riders=())
@@ -187,7 +187,7 @@ ride.split = lambda *link: replace(plain(*link), riders=())
     ),
     "riders at the root: none of them loads the beam": (
         """
-import pinflex.mechanics.model.ride as ride
+import pinflex.mechanics.model.tree as ride
 ride._beside_the_centre = lambda rest: 0.0
 """,
         ["tests/unit/mechanics/test_ride.py"],
@@ -212,7 +212,7 @@ ked.linear_start = lambda m, path, structural, start: plain(m, path, structural,
     "sign of Mz in the stress of unsymmetric sections": (
         """
 import inspect
-import pinflex.recovery.stress as stress
+import pinflex.recovery.links as stress
 for name in dir(stress):
     item = getattr(stress, name)
     if inspect.isfunction(item) and item.__module__ == stress.__name__:
@@ -296,7 +296,8 @@ altered("pinflex.solver.step_length", "min(2, len(alive) - 1)", "0")
     ),
     "damping of each segment by itself": (
         """
-altered("pinflex.mechanics.model.damping", "K, _mass(part))", "K, np.kron(np.eye(count), first.M))")
+damped = "K, np.kron(np.eye(count), first.M))"
+altered("pinflex.mechanics.model.relevance", "K, _mass(part))", damped)
 """,
         ["tests/unit/mechanics/test_given_damping.py"],
     ),
@@ -320,7 +321,7 @@ altered("pinflex.levels.modes", "/ (2.0 * omega)", "/ omega")
     ),
     "rotors do not shake the frame": (
         """
-altered("pinflex.recovery.reactions", "axes @ (model.armature * A)", "0.0 * axes @ A")
+altered("pinflex.recovery.recover", "axes @ (model.armature * A)", "0.0 * axes @ A")
 """,
         ["tests/verification/test_elastic_drives.py"],
     ),

@@ -14,16 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.basis import FlexibleBody, cut
 from pinflex.bodies.family import Family, hermite, quadrature
-from pinflex.bodies.section_at import cut
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.expanded import Slot
-from pinflex.recovery import stress
-from pinflex.recovery.kinematics import joint_poses, pose_of
-from pinflex.recovery.samples import Samples, samples_of
+from pinflex.mechanics.model.loads import Slot
+from pinflex.recovery import links
+from pinflex.recovery.kinematics import Samples, joint_poses, pose_of, samples_of
 from pinflex.results.result import Result
 from pinflex.text import brief
 
@@ -170,10 +168,10 @@ def _balance(samples: Samples, slot: Slot, eta: Array, nodes: Array) -> tuple[Ar
     body = slot.body
     linear = samples.run.linear
     section = cut(body, len(nodes))
-    bent = stress.deflections(section, eta) * (not linear)
+    bent = links.section_deflections(section, eta) * (not linear)
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     g = samples.forces.g
-    R = stress.resultants(
+    R = links.section_resultants(
         section, body, bent, g[:, slot.stations], g[:, slot.twists], loads,
         eta * (not linear),
     )  # fmt: skip

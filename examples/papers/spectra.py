@@ -9,8 +9,8 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.expanded import Slot
-from pinflex.recovery.samples import Samples, run_of
+from pinflex.mechanics.model.loads import Slot
+from pinflex.recovery.kinematics import Samples, run_of
 from pinflex.results.result import Result
 from pinflex.text import brief
 from pinflex.viewer.plot import maxima

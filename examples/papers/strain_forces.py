@@ -9,7 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.samples import run_of
+from pinflex.recovery.kinematics import run_of
 from pinflex.results.result import Result
 
 

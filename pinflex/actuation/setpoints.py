@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.motors import joint_curve, motor_axes
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
+from pinflex.actuation.path import joint_curve, motor_axes
 from pinflex.arrays import Array
+from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
-from pinflex.description.trajectories.pieces import hermite
+from pinflex.description.trajectories.profiles import hermite
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import sliding
 from pinflex.report import card, grid

@@ -23,13 +23,12 @@ from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.error_bars import finer_model
 from pinflex.advice.probe import RESOLVED, Probe
-from pinflex.advice.proposal import Advice, error_bar
-from pinflex.advice.reduced_models import SAFETY, Errors, LeftOut
+from pinflex.advice.reduced_models import SAFETY, Advice, Errors, LeftOut, error_bar
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import STILL, Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium

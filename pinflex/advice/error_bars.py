@@ -24,11 +24,11 @@ import numpy as np
 from pinflex.advice.probe import RESOLVED, Deviation, Probe
 from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
-from pinflex.description.blocks import solid_keys
+from pinflex.description.blocks import material
+from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import REST, ROUND_OFF, STILL, between, platform_poses, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
@@ -107,7 +107,7 @@ def _more_shapes(part: FlexiblePart) -> list[str]:
 
 def solids(mechanism: Mechanism) -> list[FlexiblePart]:
     """The links of meshes and matrices."""
-    return [p for p in mechanism.parts.values() if p.spec.basis.kind in solid_keys.KINDS]
+    return [p for p in mechanism.parts.values() if p.spec.basis.kind in material.KINDS]
 
 
 def _of_solids(found: list[FlexiblePart]) -> tuple[list[str], str]:

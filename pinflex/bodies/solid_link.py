@@ -11,10 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies import mesh
+from pinflex.bodies import solid as mesh
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.mesh import Region
-from pinflex.bodies.solid import Solid, of_matrices, of_mesh
+from pinflex.bodies.solid import Region, Solid, of_matrices, of_mesh
 from pinflex.bodies.superelement import reduce
 from pinflex.description.blocks.flexible import Basis, FlexibleLink
 from pinflex.description.blocks.material import Material

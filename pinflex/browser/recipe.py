@@ -1,34 +1,348 @@
 """A run of level coupled as the kernel in a page needs it: tables, steps, corrections, start.
 
-The page takes the steps of a run within a tolerance (`pinflex.solver.one_run`): Radau IIA, each
+The page takes the steps of a run within a tolerance (`pinflex.solver.tolerance`): Radau IIA, each
 step corrected twice; the first correction is answered, the second tells its error. The resolution
 of the steps stays as it is given: nothing is sent back.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from pinflex.actuation.drive import breaks
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import breaks, nominal
 from pinflex.arrays import Array, IntArray
-from pinflex.browser.image import Image
-from pinflex.browser.inputs import tabulate
-from pinflex.browser.outputs import outputs
-from pinflex.browser.pattern import widened
+from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
+from pinflex.integrators.compiled import tabulated
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
-from pinflex.kernel.march import RESTARTS, MarchKernel
-from pinflex.kernel.stages import StageKernel
-from pinflex.kernel.tables import Tables
+from pinflex.kernel.evaluate import Tables
+from pinflex.kernel.march import RESTARTS, MarchKernel, StageKernel, Table
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.loads import Attachment, Slot
+from pinflex.mechanics.model.system import System
 from pinflex.solver.judge import PART
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, scene_of
+
+# The motion of a run as a table that the kernel reads, of platform motions too.
+#
+# Motors follow a platform by a spline of fifth degree through poses (`pinflex.actuation.drive`),
+# which no polynomial of a whole piece of the motion meets to round-off: each span of it is one
+# then.
+
+_NODES = 6  # of a polynomial of fifth degree
+_SPANS = (128, 256, 512, 1024, 2048)  # of the spline between start and end (`drive._interpolated`)
+_ROUND_OFF = (
+    1e-9  # of the accelerations, which the spline has from positions: eps over spans squared
+)
+_GAP, _AT_CORNER = 1e-9, 1e-12  # of the whole, as in `integrators.compiled`
+
+
+def tabulate(
+    radau: Radau, motion: Motion, ends: tuple[float, float], corners: Sequence[float]
+) -> None:
+    """Let a run read its motion from a table.
+
+    Raises:
+        DescriptionError: It has none.
+    """
+    drive, problem = radau.problem.drive, radau.problem
+    near = 1e-9 * (ends[1] - ends[0])  # of the stops of a march, the last of which is its end
+    inner = [x for x in sorted(corners) if ends[0] < x < ends[1] - near]
+    corners = [*inner, ends[1]]
+    asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
+    n, forces = len(problem.motors), radau.compiled.kernel.counts["forces"]
+    kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
+    table = tabulated(radau.at, kinds, *ends, corners) or _spline(radau, ends, inner)
+    if table is None:
+        raise DescriptionError(
+            f"{motion.kind}: a motion that is no smooth function of time between its breaks: a "
+            "page that computes cannot prescribe it."
+        )
+    radau.compiled.table = asked_for, table
+
+
+def _spline(radau: Radau, ends: tuple[float, float], inner: Sequence[float]) -> Table | None:
+    """A table of the spans of the spline that a platform is followed by; None: it is no such."""
+    between = 0.5 * (_nodes()[1:] + _nodes()[:-1])
+    weights = _weights()
+    W = weights / (between[:, None] - _nodes())
+    W /= W.sum(axis=1, keepdims=True)
+    span = ends[1] - ends[0]
+    for spans in _SPANS:
+        marks = np.union1d(np.linspace(*ends, spans + 1), inner)
+        marks = marks[np.append(True, np.diff(marks) > _AT_CORNER * span)]
+        gap = _GAP * span * np.isin(marks, inner)
+        begin, until = (marks + gap)[:-1], (marks - gap)[1:]
+        middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
+        every = np.concatenate([_nodes(), between])
+        whole = np.array([ends[0], *inner, ends[1]])
+        found = radau.at(np.append((middle[:, None] + half[:, None] * every).ravel(), whole))
+        inside = found[: -len(whole)].reshape(len(middle), len(every), -1)
+        value, wanted = inside[:, :_NODES], inside[:, _NODES:]
+        size = np.abs(value).max(axis=(0, 1), initial=0.0)
+        missed = np.abs(W @ value - wanted).max(axis=(0, 1), initial=0.0)
+        if np.all(missed <= _ROUND_OFF * size + 1e-300):
+            rest = whole, found[-len(whole) :], _AT_CORNER * span
+            return Table(_nodes(), weights, middle + half, middle, half, value, *rest)
+    return None
+
+
+def _angles() -> Array:
+    return np.asarray(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+
+
+def _nodes() -> Array:
+    return np.asarray(np.cos(_angles()))
+
+
+def _weights() -> Array:
+    """Barycentric weights of the nodes, zeros of the Chebyshev polynomial."""
+    return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
+
+
+# What the page computes from the states of a run as `pinflex.recovery` does: poses, stresses.
+#
+# Everything here is read off the mechanism: which nodes of the kernel's tree carry what, and the
+# sections of the links. Arrays are named, so that a slider that changes them finds them.
+
+Keep = Callable[[str, Any], int]  # an array by name: its number
+
+
+def outputs(mechanism: Mechanism, system: System, keep: Keep) -> dict[str, Any]:
+    """Links, bodies, platform and joints of a system; `keep` takes the arrays."""
+    frames = system.expansion.frames
+    node_of = system.node_of_joints
+
+    def place(name: str, at: Attachment) -> list[int]:
+        here = np.column_stack([at.placement.rotation, at.placement.translation])
+        return [int(node_of[at.joint]), keep(name, here)]
+
+    links = []
+    for name, part in mechanism.parts.items():
+        slots = [slot for slot in system.expansion.slots if slot.link == name]
+        section = part.spec.section
+        links.append({
+            "name": name,
+            "pieces": [
+                _piece(f"link/{name}/{k}", slot, system, keep, place)
+                for k, slot in enumerate(slots)
+            ],
+            "section": keep(
+                f"link/{name}/section", [section.A, section.Iy, section.Iz, section.Wt]
+            ),
+            "fibres": keep(f"link/{name}/fibres", np.array(section.fibres)),
+        })  # fmt: skip
+    bodies = {
+        link.name: place(f"body/{link.name}", frames[link.name])
+        for link in mechanism.links
+        if link.name not in mechanism.parts and link.name in frames
+    }
+    platform = mechanism.description.platform
+    joints = {
+        name: int(node_of[int(system.expansion.model.getJointId(name))])
+        for name in mechanism.rigid.rigid.names[1:]
+    }
+    return {
+        "links": links,
+        "bodies": bodies,
+        "platform": place("platform", frames[platform]) if platform else None,
+        "joints": joints,
+        "loops": list(system.closed.names),
+    }
+
+
+def _piece(
+    key: str, slot: Slot, system: System, keep: Keep, place: Callable[[str, Attachment], list[int]]
+) -> dict[str, Any]:
+    """One body of a link."""
+    body, cut = slot.body, slot.body.cut
+    model = system.expansion.model
+    arrays: dict[str, Array | None] = {
+        "x": cut.x, "way": _way(cut.Phi, cut.G), "outer": cut.outer, "outer_twist": cut.outer_twist,
+        "body_Phi": body.Phi, "body_x": body.x, "loads": np.array([i.x for i in slot.interfaces]),
+        "stations": np.asarray(slot.stations), "twists": np.asarray(slot.twists),
+        "offset": np.array([slot.offset]),
+    }  # fmt: skip
+    kept = {
+        name: keep(f"{key}/{name}", x) for name, x in arrays.items() if x is not None and x.size
+    }
+    nodes = [int(system.node_of_joints[i.bottom(model)]) for i in slot.interfaces]
+    root = place(f"{key}/root", slot.root)
+    return kept | {"root": root, "eta": [slot.eta.start, slot.eta.stop], "nodes": nodes}
+
+
+def _way(Phi: Array, G: Array | None) -> Array:
+    """Displacements of sections by eta and its products: shape (nx, 6, n + n (n + 1) / 2).
+
+    d = Phi eta + eta' G eta / 2, as one table of [eta; eta_i eta_j, i <= j]; without G: Phi.
+    """
+    if G is None:
+        return Phi
+    i, j = np.triu_indices(Phi.shape[-1])
+    share = np.where(i == j, 0.25, 0.5)  # a square stands in G twice
+    return np.concatenate([Phi, share * (G[..., i, j] + G[..., j, i])], axis=-1)
+
+
+# Which entries of the sparse tables a slider may move: those of all places it was looked at.
+#
+# Entries that are nothing but round-off come and go with a number of the scene. Tables with zeros
+# in their places are the same tables, and can be subtracted.
+
+TableArrays = dict[str, Array]
+_SPARSE = ("phi", "g")  # rows of the map: entries, and where they are
+
+
+def pattern_of(tables: Iterable[TableArrays]) -> dict[str, IntArray] | None:
+    """Entries that any of some tables has; None: they are not of one structure."""
+    every = list(tables)
+    others = {name for name in every[0] if name.split("_")[0] not in _SPARSE}
+    if any(x.keys() != every[0].keys() for x in every):
+        return None
+    if any(x[name].shape != every[0][name].shape for x in every for name in others):
+        return None
+    return {name: np.unique(np.concatenate([_keys(x, name) for x in every])) for name in _SPARSE}
+
+
+def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays | None:
+    """The tables with zeros where only others have entries; None: they have more than all."""
+    out, n = dict(tables), _width(tables)
+    for name in _SPARSE:
+        wanted, own = pattern[name], _keys(tables, name)
+        if not np.isin(own, wanted).all():
+            return None
+        values = np.zeros(len(wanted))
+        values[np.searchsorted(wanted, own)] = tables[name]
+        rows = len(tables[f"{name}_at"]) - 1
+        at = np.searchsorted(wanted, np.arange(rows + 1) * n * n).astype(float)
+        out[name], out[f"{name}_at"] = values, at
+        out[f"{name}_i"] = (wanted // n % n).astype(float)
+        if f"{name}_j" in tables:
+            out[f"{name}_j"] = (wanted % n).astype(float)
+        if name == "g":  # rows are of products, or of sums of squares
+            products = tables["g_rest"] == tables["g_at"][1:]
+            out["g_rest"] = np.where(products, at[1:], at[:-1])
+    return out
+
+
+def _width(tables: TableArrays) -> int:
+    """More than there are elastic coordinates."""
+    return len(tables["d_at"])
+
+
+def _keys(tables: TableArrays, name: str) -> IntArray:
+    """Row, i and j of each entry as one number, in their order."""
+    n, at = _width(tables), tables[f"{name}_at"].astype(np.intp)
+    row = np.repeat(np.arange(len(at) - 1), np.diff(at))
+    j = tables.get(f"{name}_j", np.zeros(int(at[-1]))).astype(np.intp)
+    return np.asarray((row * n + tables[f"{name}_i"].astype(np.intp)) * n + j)
+
+
+# What a run hands the kernel, its arrays and structures, laid out anew for WebAssembly.
+#
+# Structures are those of the C sources (`pinflex.kernel.library`); there pointers take four bytes.
+# What they point to is found by its address, so that no field is listed here.
+
+_WIDTH = {ctypes.c_int64: 8, ctypes.c_double: 8, ctypes.c_int: 4, ctypes.c_void_p: 4}
+_KIND = {ctypes.c_int64: "i", ctypes.c_double: "d", ctypes.c_void_p: "p"}
+
+
+class Image:
+    """Arrays and structures of one scene.
+
+    Attributes:
+        arrays: Length, whether of whole numbers, and values or None (room), by number.
+        names: Of arrays with values. structures: As page/heap.js reads them.
+    """
+
+    def __init__(self) -> None:
+        self.arrays: list[tuple[int, str, Array | None]] = []
+        self.names: dict[str, int] = {}
+        self.structures: list[dict[str, Any]] = []
+        self._array_at: dict[int, int] = {}
+        self._structure_at: dict[int, int] = {}
+
+    def add_arrays(
+        self,
+        arrays: Mapping[str, npt.NDArray[Any]],
+        addresses: Mapping[str, int],
+        given: Mapping[str, str],
+    ) -> None:
+        """Arrays by name where they lie; `given`: those with values, and what they are called."""
+        for name, array in arrays.items():
+            if not array.size:
+                continue
+            self._array_at[addresses[name]] = len(self.arrays)
+            called = given.get(name)
+            if called is not None:
+                self.names[called] = len(self.arrays)
+            values = None if called is None else np.array(array, dtype=float).ravel()
+            kind = "i" if array.dtype.kind == "i" else "f"
+            self.arrays.append((array.size, kind, values))
+
+    def add_structure(self, structure: ctypes.Structure) -> int:
+        """A structure whose arrays and structures are there already; its number."""
+        address = ctypes.addressof(structure)
+        if address in self._structure_at:
+            return self._structure_at[address]
+        laid: dict[str, Any] = {
+            "integers": [], "numbers": [], "arrays": [], "structures": [], "fields": {}
+        }  # fmt: skip
+        laid["size"] = -(-self._lay(structure, laid, 0, "") // 8) * 8
+        self._structure_at[address] = len(self.structures)
+        self.structures.append(laid)
+        return len(self.structures) - 1
+
+    def _lay(self, structure: ctypes.Structure, laid: dict[str, Any], at: int, head: str) -> int:
+        """Lay the fields from a place on; the place behind them."""
+        fields: Any = structure._fields_
+        for name, kind in fields:
+            value = getattr(structure, name)
+            if isinstance(value, ctypes.Structure):
+                at = self._lay(value, laid, at, f"{head}{name}.")
+                continue
+            width = _WIDTH[kind]
+            at = -(-at // width) * width
+            laid["fields"][f"{head}{name}"] = at, _KIND.get(kind, "i")
+            self._put(laid, at, kind, value)
+            at += width
+        return at
+
+    def _put(self, laid: dict[str, Any], at: int, kind: Any, value: Any) -> None:
+        if kind is ctypes.c_void_p:
+            if value in self._array_at:
+                laid["arrays"].append((at, self._array_at[value]))
+            elif value in self._structure_at:
+                laid["structures"].append((at, self._structure_at[value]))
+        elif kind is ctypes.c_double:
+            laid["numbers"].append((at, value if np.isfinite(value) else None))
+        else:
+            laid["integers"].append((at, int(value)))
+
+
+def laid_out(image: Image) -> tuple[dict[str, Any], Array]:
+    """The image as a header and one line of numbers, equal arrays once."""
+    heads, parts, places, size = list[tuple[int, str, int]](), list[Array](), dict[bytes, int](), 0
+    for n, kind, values in image.arrays:
+        at = -1
+        if values is not None:
+            key = values.tobytes()
+            if key not in places:
+                places[key], size = size, size + n
+                parts.append(values)
+            at = places[key]
+        heads.append((n, kind, at))
+    line = np.concatenate(parts) if parts else np.zeros(0)
+    return {"arrays": heads, "structures": image.structures}, line
+
 
 # Steps of a batch: most runs of a page are one, whose error is told after its answer is shown.
 TOGETHER = 64
@@ -102,7 +416,7 @@ def recipe(
 ) -> Recipe:
     """The run of a scene at samples t (s) at a resolution of its steps.
 
-    `pattern`: entries that its tables have to have (`pinflex.browser.pattern`).
+    `pattern`: entries that its tables have to have (`pinflex.browser.recipe`).
     """
     problem = scene._problem(t, scene.equations())
     radau = scene._radau(problem, resolution)

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.browser.pattern import Tables, pattern_of, widened
+from pinflex.browser.recipe import TableArrays as Tables
+from pinflex.browser.recipe import pattern_of, widened
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -103,7 +104,7 @@ class Changes:
     """Sliders that work, with what they do; and those that do not, with the reason.
 
     Attributes:
-        pattern: Entries that the tables have to have, see `pinflex.browser.pattern`.
+        pattern: Entries that the tables have to have, see `pinflex.browser.recipe`.
     """
 
     sliders: tuple[Slider, ...]

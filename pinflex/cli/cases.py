@@ -17,8 +17,7 @@ from pinflex.cli.options import values
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.progress import Bar
 from pinflex.report import Column, Report, Table, lines, table
-from pinflex.results.columns import Columns, check_suffix
-from pinflex.results.pose_map import AXES, PoseMap, free, held
+from pinflex.results.pose_map import AXES, Columns, PoseMap, check_suffix, free, held
 from pinflex.text import COLUMNS, number, plural
 from pinflex.writing import writable
 

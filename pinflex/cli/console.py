@@ -18,7 +18,7 @@ from pinflex.writing import plain
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.variation.design import Design
-    from pinflex.variation.fitted import Fit
+    from pinflex.variation.fit import Fit
 
 
 def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:

@@ -26,7 +26,7 @@ def run_check(args: argparse.Namespace) -> int:
 
 def run_advise(args: argparse.Namespace) -> int:
     """Say what a scene needs."""
-    from pinflex.advice.proposal import report
+    from pinflex.advice.reduced_models import report
 
     mechanism = load_model(args)
     with Bar("looking") as bar:

@@ -99,8 +99,8 @@ def _command_views(
     """Write the figure and the page that are asked for."""
     files = []
     if args.plot is not None:
-        from pinflex.studies.figures.plot_command import figure
         from pinflex.viewer.plots.drawing import save
+        from pinflex.viewer.plots.motions import command_figure as figure
 
         files.append(Path(args.plot))
         save(figure(commands, runs).axes, args.plot)
@@ -300,8 +300,8 @@ def _move_files(
     """Write the figure and the table that are asked for."""
     files = []
     if args.plot:
-        from pinflex.studies.figures.plot_fastest import figure
         from pinflex.viewer.plots.drawing import save
+        from pinflex.viewer.plots.motions import fastest_figure as figure
 
         files.append(args.plot)
         save(figure(made, rows).axes, args.plot)

@@ -81,7 +81,7 @@ def _modes_files(
     """Write page and figure where they are asked for."""
     page = figure = None
     if args.view is not None:
-        from pinflex.studies.mode_shapes import mode_runs
+        from pinflex.studies.pose import mode_runs
         from pinflex.viewer.view import write_modes_html
 
         page = write_modes_html(mode_runs(mechanism, first), args.view)
@@ -150,7 +150,7 @@ def _who(mode: Mapping[str, Any]) -> str:
 
 def run_shapers(args: argparse.Namespace) -> int:
     """Frequencies that ring, and a table of shapers."""
-    from pinflex.studies.shapers import ERRORS, shapers
+    from pinflex.studies.frequency_response import ERRORS, shapers
 
     mechanism = load_model(args)
     with working("finding what rings"):

@@ -17,31 +17,36 @@ import yaml
 from pinflex.description import sources
 from pinflex.description.blocks import curved, flexible
 from pinflex.description.blocks.control import Control, read_control
-from pinflex.description.blocks.drives import SHARE, Tension, read_share
 from pinflex.description.blocks.external import (
     AddedMass,
     FrameForce,
     FrameSpring,
+    Payload,
+    by_joint,
+    frame,
+    frames,
     read_added_masses,
     read_forces,
+    read_payload,
     read_springs,
 )
 from pinflex.description.blocks.flexible import Basis, EndMass, FlexibleLink
-from pinflex.description.blocks.frames import by_joint, frame, frames
 from pinflex.description.blocks.joints import (
+    SHARE,
     SINGLE,
     Coupling,
     JointExtra,
+    Tension,
     couplings,
     read_actuated,
     read_joints,
+    read_share,
     with_urdf_dynamics,
 )
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
 from pinflex.description.loops import Loop, read_loops, resists
 from pinflex.description.motions import motion
-from pinflex.description.payload import Payload, read_payload
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.robots import urdf

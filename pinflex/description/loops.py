@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pinflex import registered
-from pinflex.description.blocks.frames import WORLD, ends
+from pinflex.description.blocks.external import WORLD, ends
 from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.files import Source
 from pinflex.description.reading import schema

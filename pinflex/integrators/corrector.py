@@ -15,14 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import with_one_more
-from pinflex.integrators.compiled import Stages
+from pinflex.integrators.compiled import STATE, Batch, Stages, States
 from pinflex.integrators.march import CONTROL
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.kernel.march import Marched, MarchKernel, no_table
-from pinflex.mechanics.evaluation.closure_motion import closure_motion
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import closure_motion
 
 # Above this contraction of the step's own iteration one correction leaves too much: it takes two.
 _SLOW = 0.1

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath
-from pinflex.actuation.motors import MotorAxes
+from pinflex.actuation.path import MotorAxes
 from pinflex.arrays import Array, IntArray
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 
 _CURVED = 0.125  # of a second difference: what a straight line misses at most of a parabola
 

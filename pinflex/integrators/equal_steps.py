@@ -14,10 +14,10 @@ from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.compiled import compiled_alpha
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Run, Settings
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.expanded import gear_name
+from pinflex.mechanics.model.loads import gear_name
 
 # Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
 # this fraction of what the acceleration is at the time: measured on the race scenes, torques and

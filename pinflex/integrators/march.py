@@ -19,13 +19,10 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted, SceneError
-from pinflex.integrators.batch import STATE, Batch, States
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.compiled import Stages
+from pinflex.integrators.compiled import STATE, Batch, Stages, States, tabulated
 from pinflex.integrators.events import Events
-from pinflex.integrators.prescribed import tabulated
-from pinflex.integrators.problem import Problem, State
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Problem, Run, Settings, State
 from pinflex.kernel.march import (
     EVENT,
     FULL,

@@ -28,8 +28,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
-from pinflex.integrators.collocation import newmark
-from pinflex.integrators.linear import At, Instant, State, alpha, start_at_rest
+from pinflex.integrators.collocation import At, Instant, State, alpha, newmark, start_at_rest
 from pinflex.linalg import eigh, lapack, null_space, saddle
 
 

@@ -18,15 +18,19 @@ from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
-from pinflex.integrators.run import Run
-from pinflex.inversion.differences import EIGHTH, padded, rates, spline
-from pinflex.inversion.instant import Balanced, Instant
-from pinflex.inversion.internal import Poles, internal_poles
-from pinflex.inversion.on_grid import Answer, instants_over, on_grid
-from pinflex.inversion.target import require_within_curves, require_within_limits, target
+from pinflex.integrators.problem import Run
+from pinflex.inversion.exact import EIGHTH, padded, rates, spline
+from pinflex.inversion.on_grid import Answer, Poles, instants_over, internal_poles, on_grid
+from pinflex.inversion.target import (
+    Balanced,
+    Instant,
+    require_within_curves,
+    require_within_limits,
+    target,
+)
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
-from pinflex.recovery.drives import drives
+from pinflex.recovery.meta import drives
 from pinflex.report import card, grid, pairs
 from pinflex.results.error_bars import NOT_MEASURED
 from pinflex.results.quantities import joint_unit, unit_of
@@ -137,7 +141,7 @@ class Command:
             panel: One alone: "motors" or "torque".
             ax: Where to draw that; default: axes of a new figure.
         """
-        return door("studies.figures.plot_command", "plot_command")(self, panel, ax)
+        return door("viewer.plots.motions", "plot_command")(self, panel, ax)
 
     def _repr_html_(self) -> str:
         rows = [

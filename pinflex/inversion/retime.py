@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
+from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray, spans
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, trajectory
-from pinflex.description.motions.shaping import ShaperSpec, read, shaped
+from pinflex.description.motions.trajectory import ShaperSpec, read, shaped
 from pinflex.description.robots.urdf import MotorLimits
 from pinflex.description.trajectories.profiles import by_name
 from pinflex.description.trajectories.waypoints import slowed

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.arrays import Array
+from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.path import motor_axes
+from pinflex.arrays import Array, IntArray, spans
+from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.errors import DescriptionError, MotionError
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.mechanics.assembly import independent_rows
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates
@@ -178,3 +178,203 @@ def require_within_curves(mechanism: Mechanism, found: Command) -> None:
                 "down, or lift the check (limited=False, --beyond-limits).",
                 joint=name,
             )
+
+
+# The equations of one instant of a flexible mechanism whose platform follows a path.
+#
+#     r(y, v, a, lam) = 0 in the rows that no motor drives,   c(y) = 0,   p(y) = p_d(t)
+#
+# With as many platform coordinates p as motors this is a square system for (y, lam) where v and a
+# are given; the motor torques are r in the motor rows, afterwards. With more motors than
+# coordinates the motions of the motors that do not move the platform stay on the rigid motion.
+#
+# Source: Seifried (2014), Dynamics of Underactuated Multibody Systems, ch. 4 (servo constraints).
+
+_BALANCED = 1e-11  # m or rad: the last Newton correction; the next is round-off
+_SLOW = 0.1  # contraction above which a new tangent pays
+_LONGEST = 0.3  # m or rad of one Newton step
+_ROUND_OFF = 1e-8  # m or rad: corrections that no longer shrink below this are round-off
+_MOST, _FEW = 40, 8  # iterations of one instant, of several
+_TOGETHER = 16  # instants
+
+Instants = slice | IntArray  # numbers of the grid
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Derivatives of one instant's rows.
+
+    Attributes:
+        M, C, K: Of r in the rows that no motor drives, by a, v, y, each (free, nv).
+        J: Of the closures, the imposed coordinates and what is held, shape (nv + rows - free, nv).
+        lam: Of r by the multipliers, shape (free, rows).
+    """
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+    lam: Array
+
+
+class Instant:
+    """Evaluates the rows of an instant and their derivatives."""
+
+    def __init__(self, mechanism: Mechanism, target: Target, rubs: bool = True) -> None:
+        """`rubs`: with dry friction, which at rest would hold every joint."""
+        self.mechanism = mechanism
+        self.system = system = mechanism.flexible if rubs else mechanism.flexible.sliding
+        self.dynamics = Equations(system)
+        self.target = target
+        self.axes = motor_axes(mechanism)
+        self.free = system.free
+        self.rows = system.closed.n
+        platform = mechanism.frame(str(mechanism.description.platform))
+        self.platform = PlatformCoordinates(self.dynamics, platform, target.names)
+
+    def residuals(
+        self, at: Instants, y: Array, v: Array, a: Array, lam: Array
+    ) -> tuple[Array, Array]:
+        """Rows that have to vanish, shape (n, nv + rows), and motor torques (n, nm)."""
+        d, target = self.dynamics, self.target
+        r, c = d.residual(y, v, a, lam, target.t[at])
+        here = self.platform.of(d, y)
+        error = self.platform.error(here, target.position[at])
+        idle = target.idle[at] @ (self.axes.read(y) - target.motors[at])[:, :, None]
+        held = np.zeros((len(y), len(self.system.held)))  # never moved: nothing is ever open there
+        rows = np.concatenate([r[:, self.free], c, error, idle[:, :, 0], held], axis=1)
+        return rows, r[:, self.system.motors]
+
+    def changing(self, *rates: Array) -> IntArray:
+        """Instants at which the path, given rates (nt, nv) or the loads are not as just before."""
+        target = self.target
+        parts = (target.position, target.motors, *rates)
+        new = np.any([np.any(x[1:] != x[:-1], axis=1) for x in parts], axis=0)
+        if any(force.timed for force, _ in self.system.loads.forces):
+            new[:] = True
+        return np.flatnonzero(np.append(True, new))
+
+    def tangents(self, k: int, y: Array, v: Array, a: Array, lam: Array) -> Tangents:
+        """Derivatives of the rows at instant k."""
+        return next(self.every_tangent([k], y[None], v[None], a[None], lam[None]))
+
+    def every_tangent(
+        self, at: Sequence[int], y: Array, v: Array, a: Array, lam: Array
+    ) -> Iterator[Tangents]:
+        """Derivatives of the rows of some instants, one after the other."""
+        target, nv = self.target, self.system.nv
+        held = np.eye(nv)[self.system.held]
+        states = zip(y, v, a, lam, target.t[at].tolist(), strict=True)
+        for k, state, placed in zip(at, states, self._placed(y), strict=True):
+            *parts, J = self.dynamics.tangent(*state)
+            M, C, K = (x[self.free] for x in parts)
+            idle = np.zeros((len(target.idle[k]), nv))
+            idle[:, self.axes.v_at] = target.idle[k]
+            yield Tangents(M, C, K, np.concatenate([J, placed, idle, held]), -J[:, self.free].T)
+
+    def _placed(self, y: Array) -> Array:
+        """Jacobians of the imposed platform coordinates, shape (n, k, nv)."""
+        d, joint = self.dynamics, self.platform.joint
+        parts = (d.kinematics(y[s], None, joint) for s in spans(len(y)))
+        return np.concatenate([self.platform.at(part)[1] for part in parts])
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """Balanced poses along the path: y (nt, nq), lam (nt, rows), torque (nt, nm)."""
+
+    y: Array
+    lam: Array
+    torque: Array
+
+
+def balanced(instant: Instant, guess: Balanced, v: Array, a: Array) -> Balanced:
+    """Solve the square system at every instant with given v and a, each (nt, nv).
+
+    Some instants at a time by one tangent; where that does not contract, half as many. Those of a
+    rest are one.
+
+    Raises:
+        ConvergenceError: No pose found at an instant: the platform cannot be there.
+    """
+    return _Balance(instant, guess, v, a).solve()
+
+
+class _Balance:
+    """Newton's iteration over spans of instants; what is found stands in y, lam and torque."""
+
+    def __init__(self, instant: Instant, guess: Balanced, v: Array, a: Array) -> None:
+        self.instant, self.guess, self.v, self.a = instant, guess, v, a
+        self.y, self.lam, self.torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
+        self._inverse: Array | None = None
+        self._lacked = np.zeros(instant.system.nv + instant.rows)  # by the guess, at the last one
+        self._own = instant.changing(v, a)
+
+    def solve(self) -> Balanced:
+        """All instants."""
+        n = len(self._own)
+        todo = [(k, min(k + _TOGETHER, n)) for k in range(0, n, _TOGETHER)]
+        while todo:
+            first, last = todo.pop(0)
+            if self._settles(self._own[first:last]):
+                continue
+            if last - first == 1:
+                t = float(self.instant.target.t[self._own[first]])
+                raise ConvergenceError(
+                    f"t = {t:.6g} s: no balanced pose with the platform on its path. Slow the "
+                    "motion down, or stiffen the links.",
+                    time=t,
+                )
+            middle = (first + last) // 2
+            todo[:0] = [(first, middle), (middle, last)]
+        kept = np.searchsorted(self._own, np.arange(len(self.y)), side="right") - 1
+        return Balanced(*(x[self._own[kept]] for x in (self.y, self.lam, self.torque)))
+
+    def _settles(self, at: IntArray) -> bool:
+        """Whether a span of instants is balanced; then it is kept."""
+        guess, n = self.guess, self.instant.system.nv
+        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
+        lam = guess.lam[at] + self._lacked[n:]
+        v, a, last, rate, middle = self.v[at], self.a[at], np.inf, 0.0, len(y) // 2
+        e, torque = self.instant.residuals(at, y, v, a, lam)
+        for _ in range(_MOST if len(y) == 1 else _FEW):
+            if self._inverse is None:
+                k = int(at[middle])
+                found = self.instant.tangents(k, y[middle], v[middle], a[middle], lam[middle])
+                # a product each is cheaper than solving
+                self._inverse = np.asarray(np.linalg.inv(_square(found)), float)
+            step = -(e @ self._inverse.T)
+            size = float(np.max(np.abs(step[:, :n])))
+            if not size < 1e3:  # not a number either
+                break
+            step *= min(1.0, _LONGEST / max(size, 1e-300))
+            y, lam = self._moved(y, step[:, :n]), lam + step[:, n:]
+            e, torque = self.instant.residuals(at, y, v, a, lam)
+            rate = size / last
+            left = size * rate if 0.0 < rate < _SLOW else size  # what the next correction would be
+            if left < _BALANCED or (len(y) == 1 and left < _ROUND_OFF and rate > 0.5):
+                self._keep(at, y, lam, torque)
+                return True
+            if rate > _SLOW:
+                self._inverse = None
+            last = size
+        self._inverse = None
+        return False
+
+    def _keep(self, at: IntArray, y: Array, lam: Array, torque: Array) -> None:
+        self.y[at], self.lam[at], self.torque[at] = y, lam, torque
+        n, last = self.instant.system.nv, at[-1]
+        self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
+        self._lacked[n:] = lam[-1] - self.guess.lam[last]
+
+    def _moved(self, y: Array, moves: Array) -> Array:
+        d = self.instant.dynamics
+        if d.vector_space:
+            return y + moves
+        return np.array([d.integrate(*pair) for pair in zip(y, moves, strict=True)])
+
+
+def _square(found: Tangents) -> Array:
+    rows = found.lam.shape[1]
+    zero = np.zeros((len(found.J), rows))
+    return np.block([[found.K, found.lam], [found.J, zero]])

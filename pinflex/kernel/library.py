@@ -4,13 +4,115 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from pinflex.errors import KernelWarning
-from pinflex.kernel import build, header
+from pinflex.kernel import build
+from pinflex.kernel.build import SOURCE
+
+# Structures, functions and constants of the kernel as its C sources declare them, once.
+#
+# The sources travel with the library (a library of others is not loaded), so that Python reads
+# there what it hands over: nothing is listed twice, and nothing can differ.
+
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
+_ARRAYS = re.compile(r"const (\w+) ([^;]*);\s*/\* \[([^\]]*)\]")  # with their shape behind them
+_ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
+_FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
+_SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
+
+
+@cache
+def _commented() -> str:
+    return "\n".join(path.read_text("utf-8") for path in sorted(SOURCE.glob("*.[ch]")))
+
+
+@cache
+def _text() -> str:
+    return _COMMENT.sub("", _commented())
+
+
+@cache
+def _structures() -> dict[str, str]:
+    return {name: body for body, name in _STRUCTURE.findall(_text())}
+
+
+@cache
+def structure(name: str) -> type[ctypes.Structure]:
+    """The structure that the sources call so, with its fields in their order."""
+    fields: list[tuple[str, Any]] = []
+    for declaration in _structures()[name].split(";")[:-1]:
+        kind, names = re.split(r"\s+", re.sub(r"\bconst ", "", declaration.strip()), maxsplit=1)
+        for each in names.split(","):
+            field = each.strip()
+            fields.append((field.lstrip("*"), ctypes.c_void_p if "*" in field else _value(kind)))
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
+
+
+def names(of: str, kind: type) -> tuple[str, ...]:
+    """Names of the fields of a structure that are of one kind, such as `ctypes.c_void_p`."""
+    fields: list[tuple[str, Any]] = structure(of)._fields_  # type: ignore[assignment]
+    return tuple(name for name, type_ in fields if type_ is kind)
+
+
+def shapes(of: str, kind: str) -> dict[str, tuple[str | int, ...]]:
+    """Shapes of the arrays of a structure of one kind, from the brackets behind them."""
+    body = _commented().partition(f"}} {of};")[0].rpartition("typedef struct {")[2]
+    return {
+        name.strip().lstrip("*"): tuple(int(n) if n.isdecimal() else n for n in shape.split(", "))
+        for each, names, shape in _ARRAYS.findall(body)
+        if each == kind
+        for name in names.split(",")
+    }
+
+
+@cache
+def header_functions() -> dict[str, tuple[Any, tuple[Any, ...]]]:
+    """Types of the answer and of the arguments of every function that the library has."""
+    found = {}
+    for answer, name, arguments in _FUNCTION.findall(_text()):
+        each = [] if arguments.strip() == "void" else arguments.split(",")
+        found[name] = (_type(answer), tuple(_type(argument) for argument in each))
+    return found
+
+
+def constant(name: str) -> int:
+    """The number that an enumeration of the sources gives a name."""
+    return _constants()[name]
+
+
+@cache
+def _constants() -> dict[str, int]:
+    numbers: dict[str, int] = {}
+    for names in _ENUMERATION.findall(_text()):
+        number = 0
+        for each in names.split(","):
+            called, _, value = (part.strip() for part in each.partition("="))
+            number = int(value) if value else number
+            if called:
+                numbers[called] = number
+            number += 1
+    return numbers
+
+
+def _type(declaration: str) -> Any:
+    """Of an answer or an argument."""
+    kind = re.sub(r"\bconst\b", "", declaration).split()[0]
+    if "*" in declaration:
+        return ctypes.c_char_p if kind == "char" and "const" in declaration else ctypes.c_void_p
+    return None if kind == "void" else _value(kind)
+
+
+def _value(kind: str) -> Any:
+    """A number, or a structure within another."""
+    return _SCALARS[kind] if kind in _SCALARS else structure(kind)
+
 
 _FOLDER = Path(__file__).parent
 
@@ -89,7 +191,7 @@ def _declared(functions: ctypes.CDLL) -> ctypes.CDLL | None:
     functions.pinflex_fingerprint.restype = ctypes.c_char_p
     if functions.pinflex_fingerprint().decode() != build.fingerprint():
         return None
-    for name, (answer, arguments) in header.functions().items():
+    for name, (answer, arguments) in header_functions().items():
         function = getattr(functions, name)
         function.restype, function.argtypes = answer, arguments
     return functions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,3 +120,108 @@ def momenta(mechanism: Mechanism, run: Result) -> Momenta:
         h = pin.computeCentroidalMomentum(dynamics.model, data, here.Q[0], here.V[0])
         rows.append([data.com[0].copy(), h.linear, h.angular])
     return Momenta(*np.array(rows).transpose(1, 0, 2))
+
+
+# What a benchmark gives: checked quantities, and a picture of measured against reference.
+
+
+@dataclass(frozen=True)
+class Check:
+    """One quantity against its reference.
+
+    Attributes:
+        quantity: What it is, with its unit.
+        measured: From pinflex.
+        reference: Published, or from a closed form.
+        tolerance: Largest error that passes.
+        relative: The error is relative to the reference; else it is in the quantity's own unit.
+        note: Why the tolerance is what it is, or why the reference cannot be reached.
+        reported: It is known not to reach the tolerance, and the note says why: its error is shown,
+            and it never counts as passed.
+    """
+
+    quantity: str
+    measured: float
+    reference: float
+    tolerance: float
+    relative: bool = True
+    note: str = ""
+    reported: bool = False
+
+    @property
+    def error(self) -> float:
+        """Distance from the reference, as a fraction of it if `relative`."""
+        distance = abs(self.measured - self.reference)
+        return distance / abs(self.reference) if self.relative else distance
+
+    @property
+    def passed(self) -> bool:
+        """Within tolerance; a number that is none never passes."""
+        return bool(self.error <= self.tolerance) and not self.reported
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a picture; a reference is drawn as points."""
+
+    label: str
+    x: Array
+    y: Array
+    reference: bool = False
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Measured lines and reference points over one abscissa."""
+
+    title: str
+    x: str
+    y: str
+    series: tuple[Series, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Checks of one case, and at most one picture."""
+
+    checks: tuple[Check, ...]
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A benchmark: its name, where its reference is from, and the function that runs it.
+
+    Attributes:
+        slow: It takes minutes, and runs when asked for.
+    """
+
+    name: str
+    source: str
+    run: Callable[[], Outcome]
+    slow: bool = False
+
+
+# Richardson's extrapolation: what runs of several fineness say about an infinitely fine one.
+
+
+def extrapolated(sizes: Sequence[float], values: Sequence[Array], order: int) -> Array:
+    """Value at size 0 of the polynomial x + a h^order + b h^(order + 1) + ... through all runs.
+
+    Source: Richardson (1911); rows that use it say "extrapolated from" and the sizes.
+    """
+    h = np.asarray(sizes, float) / max(sizes)
+    powers = np.append(0, order + np.arange(len(h) - 1))
+    weights = np.linalg.inv(h[:, None] ** powers)[0]
+    return np.asarray(np.tensordot(weights, np.array(values), 1))
+
+
+def by_step(run: Callable[[float], Array], steps: Sequence[float]) -> tuple[Array, Array]:
+    """What `run` gives with the finest of several steps, and extrapolated (order 2)."""
+    values = [run(h) for h in steps]
+    return values[int(np.argmin(steps))], extrapolated(steps, values, 2)
+
+
+def by_count(run: Callable[[int], Array], counts: Sequence[int], order: int) -> Array:
+    """What `run` gives with 1/count extrapolated to zero."""
+    return extrapolated([1.0 / n for n in counts], [run(n) for n in counts], order)

@@ -20,8 +20,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.family import quadrature
-from pinflex.lab.extrapolation import by_step
-from pinflex.lab.record import Case, Check, Outcome, Picture, Series
+from pinflex.lab.scene import Case, Check, Outcome, Picture, Series, by_step
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.solver.solve import solve_level
 

@@ -12,11 +12,26 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.errors import DescriptionError, PinflexError, nearest
-from pinflex.lab.published import CASES
-from pinflex.lab.record import Case, Outcome, Picture
+from pinflex.lab import beams, elastica, loops, simeon, springs
+from pinflex.lab.scene import Case, Outcome, Picture
 from pinflex.text import paragraph, table
 from pinflex.threads import one_blas_thread
 from pinflex.writing import write_text
+
+# Published benchmarks as scenes built from a few numbers, for `pinflex verify`.
+
+CASES: tuple[Case, ...] = (
+    *beams.CASES,
+    *loops.CASES,
+    *loops.FOUR_BARS,
+    *springs.CASES,
+    *simeon.CASES,
+    *springs.TILTED,
+    *springs.FLYING,
+    *beams.ARM_CASES,
+    *elastica.CASES,
+    *elastica.PRINCETON,
+)
 
 
 @dataclass(frozen=True)

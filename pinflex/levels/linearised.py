@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinflex.actuation.drive import breaks, sample_times
-from pinflex.actuation.nominal import Nominal, between, nominal
+from pinflex.actuation.drive import Nominal, between, breaks, nominal, sample_times
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.integrators.chebyshev import (
@@ -26,8 +25,8 @@ from pinflex.integrators.chebyshev import (
     Varying,
     together,
 )
-from pinflex.integrators.linear import Instant
-from pinflex.kernel.linear import entries_of, linear_systems
+from pinflex.integrators.collocation import Instant
+from pinflex.kernel.evaluate import entries_of, linear_systems
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinflex.actuation.nominal import Nominal, nominal_of
+from pinflex.actuation.drive import Nominal, nominal_of
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, Ending
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.linalg import condensed, negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
-from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.system import System
 from pinflex.text import brief, plural

@@ -15,14 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinflex.actuation.drive import breaks
-from pinflex.actuation.nominal import Nominal, between, nominal_and_more
+from pinflex.actuation.drive import Nominal, between, breaks, nominal_and_more
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import ROUND_OFF, Outputs, relative
 from pinflex.levels.quasistatic import (
     STABILITY_SAMPLES,
@@ -31,8 +30,8 @@ from pinflex.levels.quasistatic import (
     unstable_text,
 )
 from pinflex.linalg import lapack, negative_directions, saddle_matrix
-from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array, spans
 from pinflex.boundary import public
-from pinflex.description.blocks.drives import Tension
+from pinflex.description.blocks.joints import Tension
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 

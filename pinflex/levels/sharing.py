@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.description.blocks.drives import Tension
+from pinflex.description.blocks.joints import Tension
 from pinflex.errors import DescriptionError, MotionError
 from pinflex.linalg import null_space
 from pinflex.mechanics.mechanism import Mechanism

@@ -9,23 +9,21 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pinflex.actuation.drive import MotorPath
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.actuation.drive import MotorPath, Nominal, nominal
+from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
 from pinflex.description.solve import Speeds
 from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, Ending, nearest
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.linearised import LinearPath
-from pinflex.levels.moving_modes import state_of_run
+from pinflex.levels.modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
-from pinflex.mechanics.evaluation.closure_motion import FrozenLinks
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import frame_jacobian
+from pinflex.mechanics.evaluation.frames import FrozenLinks, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
 from pinflex.results.result import Result

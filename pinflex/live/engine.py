@@ -13,7 +13,7 @@ from pinflex.integrators.collocation import AlphaScheme, implicit_euler
 from pinflex.integrators.compiled import CompiledAlpha, Stages
 from pinflex.integrators.equal_steps import NEWTON
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
-from pinflex.kernel.stages import AlphaKernel
+from pinflex.kernel.march import AlphaKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief

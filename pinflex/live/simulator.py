@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinflex.actuation.drive import motor_path
-from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, formula, hold
@@ -19,10 +19,9 @@ from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Run, Settings
 from pinflex.live.engine import Bounds, Engine
-from pinflex.live.readings import FrameNow, LinkNow, Log, Motors, Snapshot
-from pinflex.live.sensors import Sensor, placed
+from pinflex.live.sensors import FrameNow, LinkNow, Log, Motors, Sensor, Snapshot, placed
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations

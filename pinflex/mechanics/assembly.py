@@ -39,7 +39,7 @@ class LoopReport:
             (motors locked), without units (`Units`): zero where the motors lose command (nan
             without loops).
         starts: Poses tried to close the loops; 0 where Newton closed them from the home guess.
-        gaps: How far loops are open that are built in so (`pinflex.mechanics.misfit`), by name:
+        gaps: How far loops are open that are built in so (`pinflex.mechanics.closing`), by name:
             m and rad.
         coupled: Joints that follow others: one row each, not among `rows` and `rank`.
     """

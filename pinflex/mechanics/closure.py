@@ -28,12 +28,12 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.frames import WORLD
+from pinflex.description.blocks.external import WORLD
 from pinflex.description.blocks.joints import Coupling
 from pinflex.description.loops import ALONG, TURNED, Loop, Pairs, loop_kind
-from pinflex.mechanics.model.expanded import Attachment, gear_name
+from pinflex.mechanics.manifold import support
+from pinflex.mechanics.model.loads import Attachment, gear_name
 from pinflex.mechanics.model.slider import Contact, Sleeve
-from pinflex.mechanics.poses import support
 from pinflex.rotations import axis_frame
 from pinflex.text import brief
 

@@ -34,8 +34,8 @@ from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.model.expanded import Attachment
-from pinflex.mechanics.poses import as_matrices, skew, support
+from pinflex.mechanics.manifold import as_matrices, skew, support
+from pinflex.mechanics.model.loads import Attachment
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12

@@ -9,24 +9,22 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.drives import elastic
-from pinflex.description.blocks.frames import WORLD
+from pinflex.description.blocks.external import WORLD
+from pinflex.description.blocks.joints import elastic
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, SingularityError, nearest
 from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import LoopReport
-from pinflex.mechanics.closing import Closed, Limits, assemble, axis_hint
+from pinflex.mechanics.closing import Closed, Limits, Misfit, assemble, axis_hint
 from pinflex.mechanics.closure import Closures, closures
+from pinflex.mechanics.evaluation.compiled import require_workspace
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame
 from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
 from pinflex.mechanics.kinks import kinks
-from pinflex.mechanics.misfit import Misfit
-from pinflex.mechanics.model.cost import require_workspace
-from pinflex.mechanics.model.damping import link_damping, rows_of
-from pinflex.mechanics.model.expanded import Expansion
 from pinflex.mechanics.model.loads import (
+    Expansion,
     Springs,
     added_masses,
     joint_friction,
@@ -34,10 +32,11 @@ from pinflex.mechanics.model.loads import (
     require_apart,
 )
 from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.mechanics.model.relevance import link_damping, rows_of
 from pinflex.mechanics.model.slider import sleeves
 from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import joint_springs
-from pinflex.mechanics.reference.placing import Placing
+from pinflex.mechanics.reference.evaluator import Placing
 from pinflex.text import brief
 
 # What the rigid mechanism holds beside its motors: elastic joints, idle freedoms, a free base.

@@ -18,8 +18,8 @@ from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.levels.modes import modes, ringing
 from pinflex.quickest.fastest import Fastest
-from pinflex.quickest.rigid import RigidPath
-from pinflex.quickest.settling import settled
+from pinflex.quickest.limits import RigidPath
+from pinflex.quickest.response import settled
 from pinflex.results.result import Result
 
 PROFILES = ("quintic", "trapezoid", "jerk-limited")

@@ -18,16 +18,20 @@ from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.quickest.limits import Limits, limits_of, with_jerk
-from pinflex.quickest.profile import Profile, basis, fitted
-from pinflex.quickest.programme import places
-from pinflex.quickest.response import Grid
-from pinflex.quickest.rigid import RigidPath
-from pinflex.quickest.robustness import Off, robustness
-from pinflex.quickest.search import RESTART, Look, Search, Task, end_of, platform_speed, rigid_least
-from pinflex.quickest.settling import Settled, settled
+from pinflex.quickest.limits import Limits, Profile, RigidPath, basis, fitted, limits_of, with_jerk
+from pinflex.quickest.response import Grid, Settled, settled
+from pinflex.quickest.robustness import Off, corners, robustness, variant
+from pinflex.quickest.search import (
+    RESTART,
+    Look,
+    Search,
+    Task,
+    end_of,
+    places,
+    platform_speed,
+    rigid_least,
+)
 from pinflex.quickest.text import text
-from pinflex.quickest.variants import corners, variant
 from pinflex.results.result import Result
 from pinflex.threads import one_blas_thread
 
@@ -123,7 +127,7 @@ class Fastest:
             panel: One alone: "speed", "platform" or "torque".
             ax: Where to draw that; default: axes of a new figure.
         """
-        return door("studies.figures.plot_fastest", "plot_fastest")(self, rows, panel, ax)
+        return door("viewer.plots.motions", "plot_fastest")(self, rows, panel, ax)
 
     def __repr__(self) -> str:
         return (

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.actuation.drive import nominal
+from pinflex.arrays import Array, BoolArray
+from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.robots.urdf import Limits as UrdfLimits
 from pinflex.description.robots.urdf import limits as urdf_limits
 from pinflex.errors import DescriptionError, nearest
+from pinflex.levels.rigid import multipliers
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
 KEYS = ("speed", "acceleration", "jerk", "torque", "motor_speed")
@@ -127,3 +132,176 @@ def _each(key: str, value: Any, motors: tuple[str, ...], known: Array) -> Array:
 def with_jerk(limits: Limits, jerk: float) -> Limits:
     """The same with a jerk where none was given."""
     return replace(limits, jerk=jerk) if np.isnan(limits.jerk) else limits
+
+
+# A profile along a path, s(u) from 0 to 1 over u = t/T, as a few numbers that it is linear in.
+#
+# Jerk is constant in each of n intervals; where jerk has no limit, acceleration may jump at
+# their ends too. The numbers x are jerks d^3s/du^3, shape (n,), then jumps of d^2s/du^2, (n + 1,).
+
+
+def even(n: int) -> Array:
+    """Ends of n equal intervals of u, shape (n + 1,)."""
+    return np.asarray(np.arange(n + 1) / n)
+
+
+def basis(ends: Array, jumps: bool, u: Array) -> Array:
+    """s, ds/du and d^2s/du^2 of each number at u, shape (3, len(u), numbers).
+
+    Beyond u = 1 each goes on with its last acceleration: those of a profile that ends cancel.
+    """
+    since, long = u[:, None] - ends[:-1], np.diff(ends)
+    first, then = np.clip(since, 0.0, long), np.maximum(since - long, 0.0)
+    a, v = first, 0.5 * first**2 + first * then
+    s = first**3 / 6.0 + 0.5 * first**2 * then + 0.5 * first * then**2
+    if not jumps:
+        return np.stack([s, v, a])
+    late = np.maximum(u[:, None] - ends, 0.0)
+    on = (u[:, None] >= ends).astype(float)
+    return np.stack([np.hstack(x) for x in ((s, 0.5 * late**2), (v, late), (a, on))])
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One profile.
+
+    Attributes:
+        ends: Of its intervals, shape (n + 1,). x: Its numbers, shape (n,) or (2 n + 1,).
+        duration: Of the motion [s].
+    """
+
+    ends: Array = field(repr=False)
+    x: Array = field(repr=False)
+    duration: float
+
+    @property
+    def n(self) -> int:
+        """Intervals."""
+        return len(self.ends) - 1
+
+    @property
+    def jumps(self) -> bool:
+        """Whether acceleration may jump."""
+        return len(self.x) > self.n
+
+    @property
+    def nodes(self) -> Array:
+        """Times at which jerk or acceleration jumps [s], shape (n + 1,)."""
+        return np.asarray(self.duration * self.ends)
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Position, speed and acceleration along the path at times t [s], (nt,) each."""
+        s, v, a = basis(self.ends, self.jumps, np.clip(t / self.duration, 0.0, 1.0)) @ self.x
+        rest = t >= self.duration
+        s, v, a = np.where(rest, 1.0, s), np.where(rest, 0.0, v), np.where(rest, 0.0, a)
+        return s, v / self.duration, a / self.duration**2
+
+    def split(self, some: BoolArray, parts: int) -> Profile:
+        """The same profile with some of its intervals in equal parts."""
+        n, k = self.n, np.where(some, parts, 1)
+        inside = np.concatenate([np.arange(x) for x in k]) / np.repeat(k, k)
+        ends = np.append(
+            np.repeat(self.ends[:-1], k) + inside * np.repeat(np.diff(self.ends), k), 1
+        )
+        jumps = np.zeros(len(ends) if self.jumps else 0)
+        if self.jumps:
+            jumps[np.append(0, np.cumsum(k))] = self.x[n:]
+        return Profile(ends, np.concatenate([np.repeat(self.x[:n], k), jumps]), self.duration)
+
+    def motion(self, target: str, moves: Mapping[str, float]) -> Motion:
+        """The motion of displacements by name along it."""
+        names, far = tuple(moves), np.array([*moves.values()], float)
+        law = partial(_law, self, far)
+        corners = tuple(self.nodes[1:-1].tolist())
+        return Motion("fastest", target, names, self.duration, law, corners=corners)
+
+
+def _law(profile: Profile, far: Array, t: Array) -> Kinematics:
+    s, v, a = (x[:, None] * far for x in profile.at(t))
+    return s, v, a
+
+
+def fitted(motion: Motion, far: Array, n: int, jumps: bool) -> Profile:
+    """The profile nearest to a motion of displacements `far` from rest to rest."""
+    u, parts = (np.arange(8 * n) + 0.5) / (8 * n), even(n)
+    at = int(np.argmax(np.abs(far)))
+    p, v, _ = (x[:, at] / far[at] for x in motion.evaluate(u * motion.duration))
+    B = basis(parts, jumps, u)
+    ends = basis(parts, jumps, np.array([1.0]))[:, 0]
+    A, b = np.vstack([B[0], B[1], 1e4 * ends]), np.concatenate([p, v * motion.duration])
+    x = np.linalg.lstsq(A, np.concatenate([b, 1e4 * np.array([1.0, 0.0, 0.0])]), rcond=None)[0]
+    return Profile(parts, x, motion.duration)
+
+
+# The rigid robot along its path, by the place s on it from 0 to 1.
+#
+#     tau = m(s) s'' + c(s) s'^2 + b(s) s' + g(s)
+#
+# Source: Bobrow, Dubowsky and Gibson (1985): along a path the dynamics have one coordinate.
+
+_PLACES = 61  # between which all is interpolated; a path of a delta misses 1e-6 of its torque
+_SPEEDS = (0.5, 1.0)  # of the typical one: what grows with its square, and with itself
+
+
+class RigidPath:
+    """How the rigid robot moves along a path, and what that takes."""
+
+    def __init__(
+        self, mechanism: Mechanism, target: str, moves: Mapping[str, float], typical: float
+    ) -> None:
+        """Displacements by name; `typical` is a speed of s [1/s]."""
+        from scipy.interpolate import CubicSpline
+
+        s = np.linspace(0.0, 1.0, _PLACES)
+        far = np.array([*moves.values()], float)
+        path = nominal(mechanism, Motion("straight", target, tuple(moves), 1.0,
+                                         partial(_straight, far)), s)  # fmt: skip
+        self.end = path.q[-1]
+        self.motors = mechanism.rigid.motors
+        self._first, self._second = CubicSpline(s, path.v), CubicSpline(s, path.a)
+        dynamics = Equations(mechanism.rigid)
+        J = dynamics.close(path.q).J
+
+        def torque(v: float, a: float) -> Array:
+            rates = path.v * v, path.a * v**2 + path.v * a
+            return multipliers(mechanism, J, dynamics.open(path.q, *rates, 0.0 * s))[1]
+
+        slow, fast = (torque(x * typical, 0.0) for x in _SPEEDS)
+        m = (torque(typical, typical**2) - fast) / typical**2
+        rest = torque(1e-9 * typical, 0.0)  # dry friction has the sign of the speed
+        x, y = (_SPEEDS[0] * typical, _SPEEDS[1] * typical)
+        c = ((fast - rest) / y - (slow - rest) / x) / (y - x)
+        b = (slow - rest) / x - c * x
+        self._terms = [CubicSpline(s, term) for term in (m, c, b, rest)]
+
+    def __call__(self, s: Array) -> tuple[Array, Array, Array]:
+        """dq/ds and its two derivatives by s, at s (k,), each (k, nv)."""
+        s = np.clip(s, 0.0, 1.0)
+        return self._first(s), self._second(s), self._second(s, 1)
+
+    def torque(self, s: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Motor torques (k, nm) at s with rates v and a, (k,) each; and derivatives by s, v, a."""
+        s, v, a = np.clip(s, 0.0, 1.0), v[:, None], a[:, None]
+        m, c, b, g = (term(s) for term in self._terms)
+        dm, dc, db, dg = (term(s, 1) for term in self._terms)
+        tau = m * a + c * v**2 + b * v + g
+        return tau, dm * a + dc * v**2 + db * v + dg, 2.0 * c * v + b, m
+
+    def torque_by(self, B: Array, x: Array, T: float) -> tuple[Array, Array]:
+        """Torques (k, nm) of numbers x, and by them and the duration T, (k, nm, numbers + 1).
+
+        B: s, ds/du and d^2s/du^2 by the numbers, (3, k, numbers).
+        """
+        s, v, a = B @ x
+        tau, by_s, by_v, by_a = (x[:, :, None] for x in self.torque(s, v / T, a / T**2))
+        by = by_s * B[0][:, None] + by_v * B[1][:, None] / T + by_a * B[2][:, None] / T**2
+        slower = -(by_v[..., 0] * v[:, None] / T + 2.0 * by_a[..., 0] * a[:, None] / T**2) / T
+        return tau[..., 0], np.concatenate([by, slower[:, :, None]], axis=2)
+
+    def motor_speed(self, s: Array) -> Array:
+        """Of the motors by ds/dt, shape (k, nm)."""
+        return np.asarray(self._first(np.clip(s, 0.0, 1.0))[:, self.motors])
+
+
+def _straight(far: Array, t: Array) -> Kinematics:
+    return t[:, None] * far, np.tile(far, (len(t), 1)), np.zeros((len(t), len(far)))

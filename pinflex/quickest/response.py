@@ -14,22 +14,25 @@ change of that torque is the load.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from pinflex.advice.solve import solve
 from pinflex.arrays import Array, IntArray
+from pinflex.description.motions.motion import Motion
+from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
-from pinflex.kernel.linear import entries_of, linear_systems
+from pinflex.kernel.evaluate import entries_of, linear_systems
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.quickest.profile import Profile, basis
-from pinflex.quickest.rigid import RigidPath
-from pinflex.results.result import Result
+from pinflex.quickest.limits import Profile, RigidPath, basis
+from pinflex.results.error_bars import time_error
+from pinflex.results.result import Result, peak
 
 _WINDOW = 48  # instants whose matrices are held at a time: 10 MB of a delta's
 _RHO = 0.7  # steps resolve the modes that shake, and let faster ones die
@@ -260,3 +263,55 @@ class _March:
             return now
         more = alpha * now.M + beta * self.dynamics.structural_stiffness(y)
         return now._replace(C=now.C + more)
+
+
+# How long a platform shakes after a motion, by a coupled run.
+
+_EQUAL = 16000, 32000
+_WATCHED = 6.0  # longest periods after the end
+_SAMPLES = 24  # a period: what lies between is 1 % higher at the most
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A run, and when it is still.
+
+    Attributes:
+        time: From which the platform stays within the band, of what the run shows [s].
+        residual: Largest distance from rest after the end [m]. bar: What that may be wrong by.
+        run: It.
+    """
+
+    time: float
+    residual: float
+    bar: float
+    run: Result
+
+
+def settled(
+    mechanism: Mechanism, motion: Motion, rest: Array, band: float, end: float, period: float,
+    tol: float, until: float | None = None, how: Mapping[str, Any] | None = None,
+) -> Settled:  # fmt: skip
+    """Run a motion that ends at `end` [s], `how` as `solve` takes it, and watch the platform."""
+    until = until or end + _WATCHED * period
+    samples = int(np.clip(_SAMPLES * until / period, 1200, 6000)) + 1
+    told: dict[str, Any] = {"until": until, "samples": samples, "level": "coupled"}
+    told |= how or {}
+    try:
+        run = solve(mechanism, motion, tol=tol, **told)
+        wrong, half = time_error(run.meta.get("settings", {}), run.level)[0], None
+    except ConvergenceError:  # jumps of an acceleration: steps that end there, and twice as many
+        half, run = (solve(mechanism, motion, dt=end / steps, **told) for steps in _EQUAL)
+        wrong = {}
+    frame = str(mechanism.description.platform)
+    away = np.linalg.norm(run.frame(frame).position - rest, axis=1)
+    out = np.flatnonzero(away > band)
+    last = int(out[-1]) + 1 if len(out) else 0
+    time = float(run.t[last]) if last < len(run.t) else np.inf
+    after = away[run.t >= end * (1.0 - 1e-12)]
+    if half is None:
+        rigid = solve(mechanism, motion, level="rigid", until=until, samples=samples)
+        bar = wrong.get("platform position", 0.0) * peak(run.deviation_from(rigid, frame).norm)
+    else:
+        bar = peak(run.deviation_from(half, frame).norm)
+    return Settled(time, float(after.max(initial=0.0)), float(bar), run)

@@ -6,24 +6,163 @@ de la Maza 1989: successive linear programming with a merit function).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.path import motor_axes
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array, BoolArray
+from pinflex.errors import ConvergenceError
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.quickest import programme
-from pinflex.quickest.limits import Limits
-from pinflex.quickest.profile import Profile, basis
+from pinflex.quickest.limits import Limits, Profile, RigidPath, basis
 from pinflex.quickest.response import Grid, Response, response, states
-from pinflex.quickest.rigid import RigidPath
 from pinflex.results.result import Result
+
+# One step towards the least time: a linear programme about a profile.
+#
+# Unknown are changes of the profile's numbers (in shares of what they may be), of its duration, and
+# by how much residual and torques must be let exceed their limits, if they must:
+#
+#     least dT/T + 0.3 sigma + 3 rho     within limits, rest to rest, within a radius
+
+SHAKE, PUSH = 0.3, 3.0  # what a band, and a torque limit, too much costs, in durations
+
+
+_ALONG = 1.0 - 5e-4  # of the speed: it is highest between the places that are looked at
+_BOX = 0.99  # of a box at the end that a step aims at
+_BESIDE = 1e-7  # of an interval: how far inside its ends lie
+_NEAR = 0.4  # of a torque limit, below which a step does not reach it
+
+
+@dataclass
+class Rows:
+    """Inequalities A x <= b as they come in; the last three columns are dT, sigma and rho."""
+
+    numbers: int
+    A: list[Array] = field(default_factory=list)
+    b: list[Array] = field(default_factory=list)
+
+    def both(self, by: Array, now: Array, most: Array | float, more: Array | None = None,
+             slack: int | None = None, unit: float | None = None) -> None:  # fmt: skip
+        """|now + by x| <= most + more dT (+ slack, in units or of most); by (k, numbers + 1)."""
+        for sign in (1.0, -1.0):
+            self.one(sign * by, sign * now, most, more, slack, unit)
+
+    def one(self, by: Array, now: Array, most: Array | float, more: Array | None = None,
+            slack: int | None = None, unit: float | None = None) -> None:  # fmt: skip
+        """The same on one side."""
+        some = np.broadcast_to(np.isfinite(most), now.shape)
+        rows = np.zeros((len(now), self.numbers + 3))
+        rows[:, : by.shape[1]] = by
+        if more is not None:
+            rows[:, self.numbers] -= more
+        most = np.broadcast_to(most, now.shape)
+        if slack is not None:
+            rows[:, slack] = -most if unit is None else -unit
+        self.A.append(rows[some])
+        self.b.append((most - now)[some])
+
+
+def places(profile: Profile) -> Array:
+    """u at both ends of every interval, just inside, and at quarters of it, rising."""
+    ends, long = profile.ends[:-1], np.diff(profile.ends)
+    inside = np.array([_BESIDE, 0.25, 0.5, 0.75, 1.0 - _BESIDE])
+    return np.asarray((ends[:, None] + long[:, None] * inside).ravel())
+
+
+def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> None:
+    """Speed, acceleration and jerk along the path, speeds of the motors."""
+    n, T, x = profile.n, profile.duration, profile.x
+    s, v, a = basis(profile.ends, profile.jumps, places(profile))
+    one = np.ones(len(v))
+    rows.both(v, v @ x, _ALONG * limits.speed * T, limits.speed * one)
+    rows.both(a, a @ x, limits.acceleration * T**2, 2.0 * limits.acceleration * T * one)
+    if np.isfinite(limits.jerk):
+        by = np.eye(n)
+        rows.both(by, x[:n], limits.jerk * T**3, 3.0 * limits.jerk * T**2 * np.ones(n))
+    if np.any(np.isfinite(limits.motor_speed)):
+        gain, turn = rigid.motor_speed(s @ x), rigid(s @ x)[1][:, rigid.motors]
+        for k, most in enumerate(limits.motor_speed):
+            by = gain[:, k, None] * v + (turn[:, k] * (v @ x))[:, None] * s
+            rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * one)
+
+
+def solved(
+    rows: Rows, profile: Profile, limits: Limits, radius: float, longest: float
+) -> tuple[Profile, float]:
+    """The next profile, and its cost as the programme sees it.
+
+    Raises:
+        ConvergenceError: There is none.
+    """
+    from scipy.optimize import linprog
+
+    numbers, n, T = len(profile.x), profile.n, profile.duration
+    scale = np.ones(numbers + 3)
+    jerk = limits.jerk * T**3 if np.isfinite(limits.jerk) else np.abs(profile.x[:n]).max() + n
+    scale[:n] = jerk
+    scale[n:numbers] = np.abs(profile.x[n:]).max(initial=0.0)
+    A = np.vstack(rows.A) * scale
+    E = np.zeros((3, numbers + 3))
+    E[:, :numbers] = basis(profile.ends, profile.jumps, np.array([1.0]))[:, 0]
+    e = np.array([1.0, 0.0, 0.0]) - E[:, :numbers] @ profile.x
+    cost = np.zeros(numbers + 3)
+    cost[numbers:] = 1.0 / T, SHAKE, PUSH
+    bounds = [(-radius, radius)] * numbers + [(-longest * T, longest * T), (0, None), (0, None)]
+    found = linprog(cost, A_ub=A, b_ub=np.concatenate(rows.b), A_eq=E * scale, b_eq=e,
+                    bounds=bounds, method="highs")  # fmt: skip
+    if found.status != 0:
+        raise ConvergenceError(f"fastest: the linear programme: {found.message}")
+    x = scale * found.x
+    after = Profile(profile.ends, profile.x + x[:numbers], T + x[numbers])
+    return after, 1.0 + float(cost @ found.x)
+
+
+def ends_by(by: Array, ends: Array, step: float, duration: float) -> Array:
+    """Place and speed at the end, (axes, 2), by the numbers, (axes, 2, numbers + 1).
+
+    `by`: places at the first three instants after it, which lie half a step, one and a half, and
+    two and a half behind it: a parabola goes through.
+    """
+    extrapolated = np.array([[15.0, -10.0, 3.0], [-16.0 / step, 24.0 / step, -8.0 / step]]) / 8.0
+    found: Array = np.einsum("ij,jan->ain", extrapolated, by[:3])
+    found[:, 1, -1] -= ends[:, 1] / duration  # the same places later are a slower speed
+    return found
+
+
+def end_rows(rows: Rows, by: Array, ends: Array, box: tuple[float, float], unit: float) -> None:
+    """Place and speed at the end, (axes, 2), within a box."""
+    for now, by_number in zip(ends, by, strict=True):
+        if np.any(by_number):  # what never moves along an axis has nothing to keep
+            for value, by_value, most in zip(now, by_number, box, strict=True):
+                rows.both(by_value[None], np.array([value]), _BOX * most, slack=-2,
+                          unit=unit * most)  # fmt: skip
+
+
+def shake_rows(rows: Rows, by: Array, place: Array, band: float, unit: float) -> None:
+    """|place| <= band at instants, (k, 3), by the numbers, (k, 3, numbers + 1)."""
+    size = np.linalg.norm(place, axis=1)
+    toward = place / np.maximum(size, 1e-300)[:, None]
+    for axis in range(3):
+        if np.abs(place[:, axis]).max() > 1e-6 * size.max() or np.ptp(by[:, axis]) > 0.0:
+            rows.both(by[:, axis], place[:, axis], band, slack=-2, unit=unit)
+    rows.one(np.einsum("ki,kin->kn", toward, by), size, band, slack=-2, unit=unit)
+
+
+def torque_rows(
+    rows: Rows, by: Array, torque: Array, limits: Sequence[float], within: float = 1.0
+) -> None:
+    """|torque| <= its limit at instants, (k, nm), by the numbers, (k, nm, numbers + 1)."""
+    for k, most in enumerate(limits):
+        if np.isfinite(most):
+            near = np.abs(torque[:, k]) > _NEAR * most
+            rows.both(by[near, k], torque[near, k], within * most, slack=-1)
+
 
 _ROUND = 1e-12  # of a duration: round-off
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
@@ -101,16 +240,16 @@ def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = 
 
     def cost(p: Profile, tau: Array) -> float:
         over = np.max(np.abs(tau) / limits.torque)
-        return p.duration + programme.PUSH * first.duration * max(float(over) - 1.0, 0.0)
+        return p.duration + PUSH * first.duration * max(float(over) - 1.0, 0.0)
 
     now, radius = first, _RADII[1]
     tau, by = torques(now)
     worth = cost(now, tau)
     for _ in range(_RIGID_STEPS):
-        rows = programme.Rows(len(now.x))
-        programme.of_path(rows, now, limits, rigid)
-        programme.torque_rows(rows, by, tau, limits.torque.tolist())
-        after, _ = programme.solved(rows, now, limits, radius, _LONGEST)
+        rows = Rows(len(now.x))
+        of_path(rows, now, limits, rigid)
+        torque_rows(rows, by, tau, limits.torque.tolist())
+        after, _ = solved(rows, now, limits, radius, _LONGEST)
         new, new_by = torques(after)
         gain = worth - cost(after, new)
         radius = 2.0 * radius if gain > 0.0 else 0.3 * radius
@@ -148,9 +287,9 @@ class Look:
 
     def cost(self, duration: float, unit: float) -> float:
         """What the programme has as its cost, of a duration and a unit of shake in bands."""
-        more = programme.SHAKE * max(self.shake - 1.0, 0.0) / unit
+        more = SHAKE * max(self.shake - 1.0, 0.0) / unit
         over = max(self.push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
-        more += programme.PUSH * over
+        more += PUSH * over
         return self.profile.duration / duration + more
 
     @property
@@ -173,7 +312,7 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
     torque = runs[0].torque[1:after:2]
     push = float(np.max(np.abs(runs[0].torque[: after + 1]) / task.limits.torque))
     if task.pushed:  # what is asked of motors is known: it is largest where an interval ends
-        B = basis(profile.ends, profile.jumps, programme.places(profile))
+        B = basis(profile.ends, profile.jumps, places(profile))
         asked = task.rigid[0].torque_by(B, profile.x, profile.duration)[0]
         push = float(np.max(np.abs(asked) / task.limits.torque))
     ends = np.zeros((len(runs), 0, 2))
@@ -309,7 +448,7 @@ class Search:
         if self.task.box is not None:
             T = now.profile.duration
             h = self.grid.step * T
-            ends = ends - [programme.ends_by(by.platform, e, h, T) @ step
+            ends = ends - [ends_by(by.platform, e, h, T) @ step
                            for by, e in zip(fresh, now.ends, strict=True)]  # fmt: skip
         torque = new.torque - now.torque - fresh[0].torque @ step
         rates = np.zeros(0)
@@ -321,17 +460,17 @@ class Search:
     def _next(self, now: Look, fresh: list[Response], bent: _Bent) -> tuple[Look, float]:
         task, limits, here = self.task, self.task.limits, now.profile
         torque, place, ends = now.torque + bent.torque, now.place + bent.place, now.ends + bent.ends
-        rows, most = programme.Rows(len(here.x)), limits.torque.tolist()
-        programme.of_path(rows, here, limits, task.rigid[0])
+        rows, most = Rows(len(here.x)), limits.torque.tolist()
+        of_path(rows, here, limits, task.rigid[0])
         if task.far is not None:
             near = np.abs(now.rates) > _FAST
             most_of = float(np.linalg.norm(task.far)) * limits.speed
             rates = (now.rates + bent.rates)[near]
             rows.both(fresh[0].rate[near] / most_of, rates, 1.0 + 0.5 * _FASTER, slack=-1)
         if task.pushed:
-            B = basis(here.ends, here.jumps, programme.places(here))
+            B = basis(here.ends, here.jumps, places(here))
             asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
-            programme.torque_rows(rows, by, asked, most)
+            torque_rows(rows, by, asked, most)
         else:
             by = fresh[0].torque
             if limits.jumps:  # a torque is largest where an interval begins or ends
@@ -341,17 +480,17 @@ class Search:
                 seen = now.torque
             between = now.push - float(np.max(np.abs(seen) / limits.torque))
             within = 1.0 - float(np.clip(between, _LEAST_ROOM, _ROOM))
-            programme.torque_rows(rows, by, torque, most, within)
+            torque_rows(rows, by, torque, most, within)
         every = slice(0, None, max(self.grid.after // 40, 1))
         for one, away, at_end in zip(fresh, place, ends, strict=True):
             if task.box is None:
-                programme.shake_rows(rows, one.platform[every], away[every], _BAND * task.band,
+                shake_rows(rows, one.platform[every], away[every], _BAND * task.band,
                                      self.unit * task.band)  # fmt: skip
             else:
                 step = self.grid.step * here.duration
-                by = programme.ends_by(one.platform, at_end, step, here.duration)
-                programme.end_rows(rows, by, at_end, task.box, self.unit)
-        after, foreseen = programme.solved(rows, here, limits, self.radius,
+                by = ends_by(one.platform, at_end, step, here.duration)
+                end_rows(rows, by, at_end, task.box, self.unit)
+        after, foreseen = solved(rows, here, limits, self.radius,
                                            min(_LONGEST, self.radius))  # fmt: skip
         return self._look(after), foreseen
 

@@ -7,13 +7,151 @@ from collections.abc import Sequence
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.bodies.basis import Cut, FlexibleBody
+from pinflex.bodies.superelement import Superelement
+from pinflex.description.section import Section
 from pinflex.mechanics.evaluation.equations import Equations, section_forces
 from pinflex.mechanics.evaluation.frames import poses_of_frames
-from pinflex.mechanics.model.expanded import Attachment, Slot
-from pinflex.recovery import solids, stress
-from pinflex.recovery.kinematics import pose_of
-from pinflex.recovery.samples import Samples
+from pinflex.mechanics.model.loads import Attachment, Slot
+from pinflex.recovery.kinematics import Samples, pose_of
 from pinflex.rotations import rotation_vector, zyx_matrix
+
+# Section forces of a reduced solid, and von Mises stress on the surface of its mesh.
+
+
+def solid_resultants(
+    solid: Superelement,
+    d: Array,
+    station: Array,
+    loads: Sequence[tuple[Array, Array]],
+    eta: Array,
+) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6), as those of a beam.
+
+    The mass beyond a section needs a force that is linear in the forces of the mass points; its
+    moment arms are the undeformed ones.
+    """
+    force = np.einsum("xs,tsd->txd", solid.outer, station, optimize=True)
+    arm, pull = solid.outer_moment, station
+    moment = np.empty_like(force)
+    for a, (b, c) in enumerate(((1, 2), (2, 0), (0, 1))):
+        moment[:, :, a] = pull[:, :, c] @ arm[:, :, b].T - pull[:, :, b] @ arm[:, :, c].T
+    for node, (push, turn) in zip(solid.nodes, loads, strict=True):
+        beyond = solid.x <= max(node.place[0], 0.0) * (1.0 + 1e-9)
+        at = node.place + eta @ node.Phi[:3].T
+        force[:, beyond] += push[:, None]
+        moment[:, beyond] += (turn + np.cross(at, push))[:, None]
+    place = d[:, :, :3].copy()
+    place[:, :, 0] += solid.x
+    moment -= np.cross(place, force)
+    return -np.concatenate([force, moment], axis=2)
+
+
+def surface(
+    solid: Superelement, station: Array, loads: Sequence[tuple[Array, Array]]
+) -> dict[str, Array]:
+    """Arrays on the surface of the mesh, by name: nodes, triangles and von_mises.
+
+    The stress is that of the solid under the forces that its mass and what hangs on it need, so it
+    is in balance with them however few modes there are (mode acceleration). Rigid interfaces hold
+    their faces flat: within a diameter of them the stress is that of this support.
+
+    Returns:
+        nodes (nc, 3) in the beam frame of the undeformed link (m), triangles (ntri, 3), von_mises
+        (nt, nc) in Pa; nothing for a body without mesh.
+    """
+    if solid.stress is None:
+        return {}
+    need = [station.reshape(len(station), -1), *(part for load in loads for part in load)]
+    s = np.einsum("cak,tk->tac", solid.stress, np.concatenate(need, axis=1), optimize=True)
+    mises = np.sqrt(
+        0.5 * ((s[:, 0] - s[:, 1]) ** 2 + (s[:, 1] - s[:, 2]) ** 2 + (s[:, 2] - s[:, 0]) ** 2)
+        + 3.0 * (s[:, 3] ** 2 + s[:, 4] ** 2 + s[:, 5] ** 2)
+    )
+    nodes, triangles = solid.corners, solid.triangles.astype(float)
+    return {"nodes": nodes, "triangles": triangles, "von_mises": mises}
+
+
+# Section forces and stresses of a flexible body, from the forces that its stations need.
+#
+# Cut the link at x: the inner part must give the outer part the force R(x) and moment that its
+# masses and whatever hangs on it need. That balance is exact where the shapes' own curvature (EI
+# v'') is not yet converged, and it gives the axial force of links that have no axial mode.
+
+
+def section_deflections(section: Cut, eta: Array) -> Array:
+    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n)."""
+    (sections, rows, n), count = section.Phi.shape, len(eta)
+    d: Array = eta @ section.Phi.reshape(-1, n).T
+    if section.G is not None:
+        bent = (eta @ section.G.reshape(-1, n).T).reshape(count, -1, n)
+        d += 0.5 * (bent @ eta[:, :, None])[:, :, 0]
+    return d.reshape(count, sections, rows)
+
+
+def section_resultants(
+    section: Cut,
+    body: FlexibleBody,
+    d: Array,
+    station: Array,
+    twist: Array,
+    loads: list[tuple[float, Array, Array]],
+    eta: Array,
+) -> Array:
+    """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
+
+    Returns:
+        N > 0 in tension; V, T and M are what the inner part receives from the outer.
+    """
+    where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
+    where[:, :, 0] += body.x
+    arm = np.cross(where, station)
+    force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
+    moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
+    if len(body.xt):
+        moment[:, :, 0] += twist @ section.outer_twist.T
+    place = d[:, :, :3].copy()
+    place[:, :, 0] += section.x
+    for x, pull, turn in loads:
+        beyond = section.x <= x * (1 + 1e-12)
+        k = int(np.argmin(np.abs(section.x - x)))
+        at = place[:, k] + np.array([x - section.x[k], 0.0, 0.0])
+        force[:, beyond] += pull[:, None]
+        moment[:, beyond] += (turn + np.cross(at, pull))[:, None]
+    moment -= np.cross(place, force)
+    return -np.concatenate([force, moment], axis=2)
+
+
+def stresses(section: Section, forces: Array) -> dict[str, Array]:
+    """Largest stresses of each section, Pa, shapes (nt, nx).
+
+    normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
+    von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
+    """
+    N, _, _, T, My, Mz = np.ascontiguousarray(np.moveaxis(forces, -1, 0))  # read once per fibre
+    axial = N / section.A
+    fibres = np.array(section.fibres)
+    half = len(fibres) // 2
+    rest = np.abs(fibres[:half] + fibres[-half:])
+    opposite = 2 * half == len(fibres) and np.all(rest < 1e-12 * np.max(np.abs(fibres)))
+    most, least = np.zeros_like(N), np.zeros_like(N)  # of bending, over the fibres
+    for y, z in fibres[:half] if opposite else fibres:
+        fibre = My * (z / section.Iy)
+        fibre -= Mz * (y / section.Iz)
+        np.maximum(most, fibre, out=most)
+        np.minimum(least, fibre, out=least)
+    bending = np.maximum(most, -least)
+    if opposite:  # each stands for the one across too
+        most, least = bending, -bending
+    normal = np.maximum(axial + most, -(axial + least))
+    shear = np.abs(T) / section.Wt
+    return {
+        "axial": axial,
+        "bending": bending,
+        "normal": normal,
+        "shear": shear,
+        "von_mises": np.hypot(normal, np.sqrt(3.0) * shear),
+    }
 
 
 def links(samples: Samples) -> dict[str, Array]:
@@ -35,7 +173,7 @@ def links(samples: Samples) -> dict[str, Array]:
         out[f"{key}/x"] = x
         out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
         out[f"{key}/resultant"] = resultant
-        for kind, value in stress.stresses(part.spec.section, resultant).items():
+        for kind, value in stresses(part.spec.section, resultant).items():
             out[f"{key}/stress/{kind}"] = value
         out[f"{key}/centreline"] = line
         out[f"{key}/section_y"] = turned[:, :, :, 1]
@@ -78,7 +216,7 @@ def _forces(
     """
     run = samples.run
     eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
-    d = stress.deflections(slot.body.cut, eta)
+    d = section_deflections(slot.body.cut, eta)
     # A linear run has its forces on the undeformed link.
     deflected = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
     forces = _section_forces(samples, slot, *deflected, out)
@@ -121,11 +259,11 @@ def _section_forces(
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
         forces = g[:, slot.stations], g[:, slot.twists]
-        return stress.resultants(slot.body.cut, slot.body, d, *forces, loads, eta)
+        return section_resultants(slot.body.cut, slot.body, d, *forces, loads, eta)
     solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
-    for key, value in solids.surface(solid, pull, hung).items():
+    for key, value in surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value
-    return solids.resultants(solid, d, pull, hung, eta)
+    return solid_resultants(solid, d, pull, hung, eta)
 
 
 # Deflections of the sections of flexible links, from elastic coordinates alone.
@@ -147,7 +285,7 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
         roots = poses_of_frames(dynamics, y, [s.root for s in own]) if own[1:] else []
         for k, slot in enumerate(own):
             cut = slot.body.cut
-            d = stress.deflections(cut, eta[:, slot.eta])[:, :, :3]
+            d = section_deflections(cut, eta[:, slot.eta])[:, :, :3]
             if k:
                 line = centre_line(d, cut.x, *roots[k])
                 d = off_straight(line, slot.offset + cut.x, *roots[0])

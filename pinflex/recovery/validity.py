@@ -14,11 +14,11 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.robots.urdf import limits
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.linalg import eigh
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.expanded import Slot
+from pinflex.mechanics.model.loads import Slot
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.tree import sliding
 from pinflex.text import brief, percent

@@ -25,8 +25,7 @@ from pinflex.doors import door
 from pinflex.errors import DescriptionError
 from pinflex.report import Table
 from pinflex.report import table as report_table
-from pinflex.results.columns import Columns, column
-from pinflex.results.pose_map import AXES
+from pinflex.results.pose_map import AXES, Columns, column
 from pinflex.text import brief, number
 
 if TYPE_CHECKING:

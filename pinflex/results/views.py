@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.blocks import torsion
+from pinflex.description import section as torsion
 from pinflex.description.section import SHAPES, Section
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest

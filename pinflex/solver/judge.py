@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.actuation.nominal import Nominal, nominal
+from pinflex.actuation.drive import Nominal, nominal
 from pinflex.errors import ConvergenceError, Ending, SceneError
 from pinflex.integrators.corrector import Before, Corrector, Inside
 from pinflex.integrators.march import ANEW, Radau, Record
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.outputs import (
     LEAST_SIZES,
     REST,
@@ -36,7 +36,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 if TYPE_CHECKING:
     from pinflex.actuation.drive import MotorPath
     from pinflex.arrays import Array
-    from pinflex.integrators.batch import Batch, States
+    from pinflex.integrators.compiled import Batch, States
     from pinflex.integrators.problem import Path, State
     from pinflex.solver.scene import Scene
 

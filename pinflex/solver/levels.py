@@ -11,7 +11,7 @@ from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows, null_space

@@ -10,7 +10,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.plain.alpha import Step
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Run, Settings
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result

@@ -18,7 +18,7 @@ import numpy as np
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.solver.levels import LEVELS

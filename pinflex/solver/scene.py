@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
-from pinflex.actuation.feedback import place
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.sampler import Sampler, drives_motors, require_instants
+from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
+from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
@@ -23,20 +22,18 @@ from pinflex.integrators import dense
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
+from pinflex.integrators.compiled import read, tabulated
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
-from pinflex.integrators.prescribed import read, tabulated
-from pinflex.integrators.problem import Problem
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
-from pinflex.mechanics.evaluation.compiled import serves
+from pinflex.mechanics.evaluation.compiled import require_steps, serves
 from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.cost import require_steps
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
 from pinflex.solver.step_length import default_step

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import Nominal, nominal
-from pinflex.actuation.sampler import drives_motors
+from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.feedback import drives_motors
+from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.blocks.control import Control
@@ -28,15 +28,15 @@ from pinflex.errors import (
     SceneError,
 )
 from pinflex.integrators.collocation import AlphaScheme, Collocation
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.modes import default_motion as default_motion
 from pinflex.mechanics.assembly import close_loops
+from pinflex.mechanics.evaluation.compiled import require_samples
 from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.mechanics.model.cost import require_samples
+from pinflex.recovery.kinematics import run_of
 from pinflex.recovery.recover import recover, result_of
-from pinflex.recovery.samples import run_of
 from pinflex.results.result import Result
 from pinflex.solver import levels
 from pinflex.solver.resume import grid, join, stored

@@ -1,31 +1,316 @@
 """A run within a tolerance: by collocation in one run, else refined until two runs agree.
 
 Of time integration: what the model leaves out is another error (`pinflex.advice`). Collocation
-corrects every step (`pinflex.solver.one_run`). Of other methods the finer of two runs is answered;
-what its outputs differ from the coarser one's by (pinflex.levels.outputs), divided by what refining
-gains, is its estimated error. Two runs alike bit by bit tell nothing: both are at the floor that
+corrects every step (`one_run`). Of other methods the finer of two runs is answered; what its
+outputs differ from the coarser one's by (pinflex.levels.outputs), divided by what refining gains,
+is its estimated error. Two runs alike bit by bit tell nothing: both are at the floor that
 round-off sets, and the last run that differed tells how high that is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.actuation.drive import breaks
+from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.errors import ConvergenceError, Ending
-from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.linear import Alpha
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.collocation import Alpha, Collocation
+from pinflex.integrators.march import SHORT, Radau
+from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
+from pinflex.levels.modes import modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.mechanism import Mechanism
+from pinflex.recovery.kinematics import Samples
+from pinflex.recovery.links import resultants, stresses
 from pinflex.results.views import statistics
-from pinflex.solver.one_run import errors, floor, force_errors, in_one_run, ringing
+from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
 from pinflex.solver.scene import Progress, Scene
 from pinflex.solver.step_length import default_step
+from pinflex.threads import one_blas_thread
+
+# A tolerance kept by one run that judges itself while it goes.
+#
+# Steps are taken once more with one stage more, and their samples are answered; what a second such
+# correction changes in them is their error, twice which is told (`pinflex.solver.judge`).
+
+# Estimated errors of runs within a tolerance, and the least that can be told.
+
+
+def errors(run: Run) -> dict[str, float]:
+    """Estimated error by output of a run within a tolerance."""
+    return run.settings["error"]
+
+
+def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> ConvergenceError:
+    """The error of a tolerance below what round-off lets a run tell."""
+    told = 2.0 * (max(errors(last).values(), default=0.0) if worst is None else worst)
+    least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
+    failed = ConvergenceError(
+        f"{scene.mechanism.name}: tol = {tol:g} is below what can be told here: shorter steps show "
+        f"only round-off. The floor of this scene is about tol = {least}: "
+        f"{Ending.ROUND_OFF.value} error.result holds the best run.",
+        ending=Ending.ROUND_OFF,
+    )
+    failed.result = last
+    return failed
+
+
+# What holds a run by tolerance up: vibration far above the first modes that nothing damps.
+
+_MANY = 500  # steps of a run that nobody wonders at
+_ABOVE = 5.0  # times the third mode: what users mean by the vibration of their robot lies below
+_RESOLVED = 2.5  # steps in the period of a vibration that collocation of six stages follows
+_MODES = 200
+
+
+def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
+    """A sentence where a run has taken many steps to follow undamped vibration, or nothing."""
+    steps, span = run.cost.get("steps", 0.0), float(run.t[-1] - run.t[0])
+    if steps < _MANY or not run.system.n_eta or np.any(run.system.D):
+        return ()
+    found = modes(scene.mechanism, count=_MODES, preload="none").frequencies
+    alive = np.sort(found[found > 1.0 / span])
+    followed = alive[alive < steps / (_RESOLVED * span)]
+    if len(alive) < 3 or not len(followed) or followed[-1] < _ABOVE * alive[2]:
+        return ()
+    spared = "" if "torque" not in (scene.spec.asked or ("torque",)) else (
+        " `solve.asked: [deflection, platform]` spares those steps that only torques need;"
+    )  # fmt: skip
+    woken = "" if run.settings.get("start") == "static" else " `solve.start: static` or"
+    return (
+        f"{steps:.0f} steps of {span / steps:.2g} s follow vibration up to about "
+        f"{followed[-1]:.4g} Hz, which nothing damps (third mode: {alive[2]:.4g} Hz). If you do "
+        "not need it, write `damping: {modal: 0.01}`, which lets it die (for one run: --set "
+        f"'damping={{modal: 0.01}}');{spared}{woken} a smoother motion does not wake it.",
+    )
+
+
+# How far two runs of one system differ in what follows from accelerations: forces and stresses.
+#
+# Stress and section forces relative to their largest values, all sections of all links together;
+# the acceleration of the platform likewise. They take a pass over the samples: few are looked at,
+# those that differ most, and only where strain differs enough, or somebody asks.
+
+_SAMPLES = 51  # the worst of so many pieces
+_PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
+
+Told = Callable[[], Mapping[str, float]]
+
+
+def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
+    """Function that finds the estimated errors, once."""
+
+    @cache
+    def told() -> dict[str, float]:
+        some = _worst_of_run(coarse, fine)
+        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
+        with one_blas_thread():
+            found = _differences(a, b)
+        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
+
+    return told
+
+
+def _differences(a: Samples, b: Samples) -> dict[str, float]:
+    """Largest differences of stress, section forces and the platform's acceleration, relative.
+
+    Forces and moments of a section have scales of their own.
+    """
+    mine, theirs = (_quantities(x) for x in (a, b))
+    found: dict[str, float] = {}
+    for (key, x), (_, y) in zip(mine, theirs, strict=True):
+        scale = float(np.max(np.abs(y), initial=0.0))
+        if scale > 0.0:
+            apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
+            found[key] = max(found.get(key, 0.0), apart)
+    return found
+
+
+def _quantities(samples: Samples) -> list[tuple[str, Array]]:
+    """What is compared, with the output that it belongs to."""
+    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
+    if samples.run.system.expansion.slots:  # a rigid run has none
+        forces = resultants(samples)
+        cut = np.concatenate([*forces.values()], axis=1)
+        sections = {name: mechanism.parts[name].spec.section for name in forces}
+        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
+        found = [("stress", np.concatenate(every, axis=1))]
+        found += [("section forces", cut[:, :, s]) for s in _PARTS]
+    if platform := mechanism.description.platform:
+        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
+        found.append(("platform acceleration", moved))
+    return found
+
+
+def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
+    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
+    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
+    if len(every) <= _SAMPLES or not fine.system.n_eta:
+        return every[:: -(-len(every) // _SAMPLES)]
+    M = Equations(fine.system).mass(fine.y[0])[m:, m:]
+    squares = _squares(fine, coarse.y - fine.y, M)
+    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
+    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
+
+
+def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
+    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
+    m = int(fine.system.rigid.nv)
+    apart, whole = (
+        _squares(fine, y, mass[m:, m:]).max(axis=1, initial=0.0) ** 0.5
+        for y in (coarse.y - fine.y, fine.y)
+    )
+    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
+    return strain, force
+
+
+def _squares(run: Run, y: Array, M: Array) -> Array:
+    """Energy of strain, and its forces squared over the mass M (n_eta, n_eta), shape (2, nt)."""
+    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
+    force = eta @ run.system.K[m:, m:]
+    lifted = np.linalg.lstsq(M, force.T, rcond=1e-13)[0].T  # coordinates may have no mass
+    return np.abs([np.einsum("ki,ki->k", force, x) for x in (eta, lifted)])
+
+
+_FIRST = 0.5  # resolution of the first steps, of the tolerance
+_INSTANTS = 51  # at which errors are looked at, at the least
+# Runs whose error at the end may be too large after all; resolution of the next one, at the most.
+_TRIES, _NEXT = 8, 0.1
+# An error that is still so much of what it was, at a resolution so much finer, shows round-off.
+_NO_BETTER, _IN_VAIN = 0.7, 3e-3
+# Runs more for forces and stresses, the resolution of the next one at the most, and the parts of
+# the tolerance that strain and what elastic forces accelerate may differ by where these are not
+# looked at (what is told is 0.6 to 5.6 times the latter on most scenes).
+_FORCE_TRIES, _FINER_FORCES, _CLEAR, _CLEAR_FORCE = 3, 0.5, 0.1, 0.2
+_FINER = 16.0  # where steps that are too long break off, shorter ones may pass
+
+
+def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
+    """The run at samples t (s) within a relative error tol, by Radau IIA collocation."""
+    return _OneRun(scene, t, tol, progress, scene.equations()).run()
+
+
+class _OneRun:
+    def __init__(
+        self,
+        scene: Scene,
+        t: Array,
+        tol: float,
+        progress: Progress | None,
+        dynamics: Equations,
+    ) -> None:
+        self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
+        few = len(t) < _INSTANTS
+        self.t = np.union1d(t, np.linspace(t[0], t[-1], _INSTANTS)) if few else t
+        self.dynamics = dynamics
+        asked = scene.spec.asked or ASKED
+        self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
+        self.foreseen = self._foreseen()
+        self._judge: Judge | None = None
+
+    def _foreseen(self) -> Expected:
+        """Scales of the run, from the rigid motion that its platform is compared with, if it is."""
+        end, reference = float(self.t[-1]), None
+        if self.outputs.about_platform(self.dynamics.system):
+            reference = self.outputs.reference
+            if reference is None:
+                return Expected(0.0, {})
+            reference = few(reference)
+        return expected(self.scene, end, self.dynamics, reference)
+
+    def run(self) -> Run:
+        """The first run whose second correction changes less than half of the tolerance."""
+        resolution, best, at = _FIRST * self.tol, np.inf, np.inf
+        enough = PART * self.tol
+        for _ in range(_TRIES):
+            run, judge = self._passed(resolution)
+            worst = max(judge.differences.values(), default=0.0)
+            if worst <= enough:
+                return self._forces_too(run, judge, resolution)
+            if worst < _NO_BETTER * best:
+                best, at = worst, resolution
+            elif judge.stuck or resolution < _IN_VAIN * at:
+                break
+            resolution *= min(max(CONTROL.target * PART * self.tol / worst, CONTROL.least), _NEXT)
+        raise floor(self.scene, self.tol, self._at_samples(run), worst)
+
+    def _forces_too(self, run: Run, judge: Judge, resolution: float) -> Run:
+        """A run that keeps the tolerance in forces and stresses too, or the best of some."""
+        off, least = self._off(run, judge), np.inf
+        for _ in range(_FORCE_TRIES):
+            if off <= self.tol:
+                break
+            resolution = judge.lowest * min(
+                max(CONTROL.target * self.tol / off, CONTROL.least), _FINER_FORCES
+            )
+            try:
+                finer, judge = self._passed(resolution)
+            except ConvergenceError:
+                break
+            least, off = min(least, off), self._off(finer, judge)
+            if off < least and max(judge.differences.values()) <= PART * self.tol:
+                run = finer
+        return self._at_samples(run)
+
+    def _off(self, run: Run, judge: Judge) -> float:
+        """Estimated error of forces and stresses; 0 where they are well within the tolerance."""
+        if run.judged is None or {*(self.scene.spec.asked or ASKED)} != {*ASKED}:
+            return 0.0  # a tolerance that is about some outputs by name is about nothing else
+        once, twice = judge.runs()
+        strain, force = elastic_apart(once, twice, self.dynamics.mass(twice.y[0]))
+        if strain <= _CLEAR * self.tol and force <= _CLEAR_FORCE * self.tol:
+            return 0.0
+        return max(run.judged().values(), default=0.0)
+
+    def _passed(self, resolution: float) -> tuple[Run, Judge]:
+        """A run that comes to its end, and its judge."""
+        try:
+            judge, run = self._attempt(resolution, False)
+        except ConvergenceError:
+            if self._judge is not None and self._judge.lowest < resolution:
+                # Sent back to ever shorter steps: without that it passes, or breaks off for good.
+                judge, run = self._attempt(resolution, True)
+            else:
+                judge, run = self._attempt(resolution / _FINER, False)
+        return self._judged(judge, run), judge
+
+    def _attempt(self, resolution: float, stuck: bool) -> tuple[Judge, Run]:
+        scene, t, scale = self.scene, self.t, self.foreseen.scale
+
+        def keeper(steps: Radau) -> Judge:
+            given = (self.foreseen, self.tol, resolution, stuck, resolution < _FIRST * self.tol)
+            self._judge = Judge(steps, t, self.outputs, *given)
+            return self._judge
+
+        first = 0.02 * self.tol**0.25 if scale > 0.0 else SHORT
+        run = scene.kept(t, resolution, keeper, first, scale, self.progress, judge=self.dynamics)
+        assert self._judge is not None
+        return self._judge, run
+
+    def _judged(self, judge: Judge, run: Run) -> Run:
+        error = {key: max(e / PART, ROUND_OFF) for key, e in judge.differences.items()}
+        settings: Settings = {
+            **run.settings, "tol": self.tol, "error": error,
+            "judged": "a correction of every step",
+        }  # fmt: skip
+        settle = judge.inside(breaks(self.scene.motion, self.dynamics.system.loads), run)
+        once, twice = (replace(x, settle=settle) for x in judge.runs())
+        judged = force_errors(self.scene.mechanism, once, twice, PART) if error else None
+        warnings = (*run.warnings, *ringing(self.scene, run))
+        return replace(run, settings=settings, warnings=warnings, settle=settle, judged=judged)
+
+    def _at_samples(self, run: Run) -> Run:
+        """At those that were asked for."""
+        same = self.t is self.asked_for
+        return run if same else run.at(np.searchsorted(self.t, self.asked_for))
+
 
 _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
@@ -35,7 +320,6 @@ _ROUNDS = 8
 # with a word, where pins have clearance, and of others with contacts.
 _CHAOTIC, _ABRUPT = 1, 3
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
-_FINER = 16.0  # resolution of a run of collocation over that of the next
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up

@@ -6,25 +6,327 @@ is found again by its key, which names the case and everything that its numbers 
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import hashlib
 import json
 import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
+from multiprocessing.connection import Connection, Pipe, wait
 from pathlib import Path
 from typing import IO, Any
 
 import yaml
 
+from pinflex import registered
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.kernel.library import warn_if_missing
 from pinflex.recovery.meta import version
-from pinflex.results.columns import Columns
-from pinflex.studies.pool import Lost, answers
+from pinflex.results.pose_map import Columns
 from pinflex.studies.study import reason
+from pinflex.threads import one_blas_thread
 from pinflex.writing import lock, plain, writable
+
+# Many independent pieces of work in processes of their own: of this machine, or of a Dask cluster.
+#
+# Answers come as they are ready. A process that dies takes one piece of work with it, not the rest.
+# Threads share Python, in which a case of delta spends half of its time (of 100 ms; the rest is the
+# compiled kernel): two can be 1.8 times as fast as one at the best, copies of this process twice.
+# So threads work where there are no copies, on what does not travel.
+
+# Pieces of work in copies of this process, which have loaded whatever it has.
+#
+# A copy starts in some milliseconds, where a new process imports for a second. It is made where
+# that is safe: on Linux, in a process of one thread.
+
+Task = Callable[[Any], Any]
+_ONE_AT_A_TIME = threading.Lock()
+_PR_SET_PDEATHSIG = 1  # of Linux
+
+
+@dataclass(frozen=True)
+class Lost:
+    """In place of an answer: why the process that was to give it did not."""
+
+    reason: str
+
+
+KILLED = Lost("its process was killed, by the system when it takes more memory than there is")
+
+
+@dataclass
+class _Copy:
+    """A copy of this process: its number, the pipe to it, and what it works on."""
+
+    pid: int
+    pipe: Connection
+    number: int
+
+
+def alone(work: Task, item: Any) -> Any:
+    """One piece of work on one BLAS thread: as many processes as cores leave none to spare."""
+    from threadpoolctl import threadpool_limits
+
+    # a worker of Dask may have several threads, a solve is made for one
+    with _ONE_AT_A_TIME, threadpool_limits(limits=1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a diverging run overflows before its error says so
+        return work(item)
+
+
+def can_fork() -> bool:
+    """Whether copies of this process work: others of its threads would stop amid what they do."""
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def forked(work: Task, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:
+    """Number and answer (or `Lost`) of every item, as they are ready."""
+    left = iter(range(len(items)))
+    copies: dict[Connection, _Copy] = {}
+
+    def more() -> None:
+        number = next(left, None)
+        if number is not None:
+            one = _copy(work, items, number, [*copies])
+            copies[one.pipe] = one
+
+    try:
+        for _ in range(jobs):
+            more()
+        while copies:
+            for pipe in wait([*copies]):
+                one = copies[pipe]  # type: ignore[index]
+                try:
+                    done, answer = pickle.loads(one.pipe.recv_bytes())
+                except (EOFError, OSError):
+                    done, answer = True, KILLED
+                number = one.number
+                if answer is KILLED or not _given(one, next(left, None)):
+                    _end(copies.pop(one.pipe))
+                    if answer is KILLED:
+                        more()
+                if not done:
+                    raise answer
+                yield number, answer
+    finally:
+        for one in copies.values():
+            os.kill(one.pid, signal.SIGKILL)
+            _end(one)
+
+
+def _given(one: _Copy, number: int | None) -> bool:
+    """Whether a copy has got another item to work on."""
+    if number is None:
+        return False
+    one.pipe.send(number)
+    one.number = number
+    return True
+
+
+def _end(one: _Copy) -> None:
+    one.pipe.close()  # which ends it, if it waits
+    os.waitpid(one.pid, 0)
+
+
+def _copy(work: Task, items: Sequence[Any], number: int, others: Sequence[Connection]) -> _Copy:
+    """A copy of this process that works on an item, and then on what it is given."""
+    here, there = Pipe()
+    parent = os.getpid()
+    sys.stdout.flush()  # else it would be written twice
+    sys.stderr.flush()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads of BLAS: it ends them itself
+        pid = os.fork()
+    if pid:
+        there.close()
+        return _Copy(pid, here, number)
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # left to the one that started it
+        for pipe in (here, *others):
+            pipe.close()
+        _die_with(parent)
+        gc.freeze()  # a collection would touch, and so copy, all that is shared
+        _serve(work, items, number, there)
+    finally:
+        os._exit(0)  # nothing of the parent is cleaned up here
+
+
+def _serve(work: Task, items: Sequence[Any], number: int, pipe: Connection) -> None:
+    while True:
+        try:
+            answer = True, alone(work, items[number])
+        except BaseException as error:
+            answer = False, error
+        try:
+            packed = pickle.dumps(answer)
+        except Exception as error:
+            packed = pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
+        try:
+            pipe.send_bytes(packed)
+            number = pipe.recv()
+        except (EOFError, OSError):
+            return
+
+
+def _die_with(parent: int) -> None:
+    """Let the system kill this process when the one that started it ends, however that ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has ended already
+        os._exit(1)
+
+
+_SWITCH = 5e-4  # [s] who comes out of the kernel waits so long for Python, not ten times as long
+_WATCH = 0.5  # [s]
+_PATIENCE = "10s"  # for a scheduler to answer
+
+
+def answers(
+    work: Task,
+    items: Sequence[Any],
+    jobs: int = 1,
+    scheduler: str | None = None,
+    pickles: bool = True,
+) -> Iterator[tuple[int, Any]]:
+    """Number and answer (or `Lost`) of every item, in the order in which they are ready.
+
+    `pickles`: whether work and items may travel; else threads do what copies cannot.
+
+    Raises:
+        DescriptionError: No scheduler at that address, or Dask is not installed.
+    """
+    warn_if_missing()  # here: where the work is done, warnings are ignored
+    if scheduler is not None:
+        return _cluster(work, items, scheduler)
+    if jobs == 1:
+        return ((number, alone(work, item)) for number, item in enumerate(items))
+    if can_fork():
+        return forked(work, items, jobs)
+    return _processes(work, items, jobs) if pickles else threaded(work, items, jobs)
+
+
+def threaded(work: Task, items: Sequence[Any], threads: int) -> Iterator[tuple[int, Any]]:
+    """Number and answer of every item, by threads of this process."""
+    switch = sys.getswitchinterval()
+    pool = ThreadPoolExecutor(threads)
+    with one_blas_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # as in `alone`
+        sys.setswitchinterval(_SWITCH)
+        try:
+            futures = {pool.submit(work, item): number for number, item in enumerate(items)}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+            sys.setswitchinterval(switch)
+
+
+def _carried(made: bytes, work: Task, item: Any) -> Any:
+    """The work in another process, with the registrations of the one that started it."""
+    registered.repeat(made)
+    return alone(work, item)
+
+
+def _numbered(parent: int, made: bytes, work: Task, number: int, item: Any) -> tuple[int, Any]:
+    """The work in a process of this machine, which leaves Ctrl-C to the one that started it."""
+    if os.getpid() != parent:  # joblib may decide to work without processes
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _end_with(parent)
+    return number, _carried(made, work, item)
+
+
+@lru_cache(maxsize=1)
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent was killed; of itself it would wait for minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _processes(work: Task, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    left = dict(enumerate(items))
+    while left:
+        try:
+            with closing(_parallel(work, [*left.items()], jobs)) as ready:
+                for number, answer in ready:
+                    del left[number]
+                    yield number, answer
+        except TerminatedWorkerError:
+            # Work is handed out in order, at most 2 jobs ahead: one of these killed its process.
+            for number in [*left][: 2 * jobs]:
+                yield number, _isolated(work, number, left.pop(number))
+
+
+def _isolated(work: Task, number: int, item: Any) -> Any:
+    """The answer of a process that does nothing else."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    try:
+        # two processes: with one, joblib would work in this one
+        with closing(_parallel(work, [(number, item)], 2)) as ready:
+            return next(ready)[1]
+    except TerminatedWorkerError:
+        return KILLED
+
+
+def _parallel(work: Task, items: Sequence[tuple[int, Any]], jobs: int) -> Any:
+    from joblib import Parallel, delayed, parallel_config
+
+    made = registered.packed()
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        parallel = Parallel(
+            n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2 * n_jobs", batch_size=1
+        )
+        return parallel(
+            delayed(_numbered)(os.getpid(), made, work, number, item) for number, item in items
+        )
+
+
+def _cluster(work: Task, items: Sequence[Any], scheduler: str) -> Iterator[tuple[int, Any]]:
+    try:
+        from distributed import CancelledError, Client, KilledWorker, as_completed
+    except ImportError:
+        raise DescriptionError(
+            f"scheduler: {scheduler}: Dask is not installed. Run pip install 'pinflex[sweep]'."
+        ) from None
+    try:
+        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise DescriptionError(
+            f"scheduler: {scheduler}: no Dask scheduler answers there ({error}). Start one with "
+            "`dask scheduler` and `dask worker ADDRESS`, and give the address that it prints."
+        ) from error
+    with client:
+        futures = client.map(partial(_carried, registered.packed(), work), items, pure=False)
+        place = {future.key: number for number, future in enumerate(futures)}
+        for future in as_completed(futures, loop=client.loop):
+            answer: Any
+            try:
+                answer = future.result()  # solved again if its worker was lost meanwhile
+            except KilledWorker:
+                answer = Lost("its worker was killed, each time that Dask tried")
+            except (CancelledError, OSError) as error:
+                raise PinflexError(
+                    f"scheduler: {scheduler}: the connection was lost ({type(error).__name__}). "
+                    "What is done is kept in the journal: start Dask and the same call again."
+                ) from error
+            yield place[future.key], answer
+
 
 Work = Callable[[Any], dict[str, Any]]
 

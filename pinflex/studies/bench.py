@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.bodies.section_at import cut
+from pinflex.bodies.basis import cut
 from pinflex.errors import DescriptionError, SceneError
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
-from pinflex.recovery import stress
+from pinflex.recovery import links
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step
@@ -253,7 +253,7 @@ def _deflections(run: Run) -> Array:
     """Of sections along every body from its own root, m, shape (nt, n, 3)."""
     eta = run.y[:, int(run.system.rigid.nq) :]
     return np.concatenate([
-        stress.deflections(cut(slot.body, _SECTIONS), eta[:, slot.eta])[:, :, :3]
+        links.section_deflections(cut(slot.body, _SECTIONS), eta[:, slot.eta])[:, :, :3]
         for slot in run.system.expansion.slots
     ], axis=1)  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.description import Description

@@ -30,8 +30,8 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.tree import sliding
 from pinflex.results.result import Result
 from pinflex.text import number, table
-from pinflex.variation.derivatives import STEP, ModalState
 from pinflex.variation.measured import Panel, differences
+from pinflex.variation.peaks import STEP, ModalState
 from pinflex.variation.variants import Variants, keys
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")

@@ -28,8 +28,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.threads import one_blas_thread
 from pinflex.variation.design import Design
-from pinflex.variation.evaluator import Evaluator, limits
-from pinflex.variation.measures import check_names
+from pinflex.variation.evaluator import Evaluator, check_names, limits
 from pinflex.variation.variants import Variants, keys, variants
 
 _SPARE = 1e-4  # of a limit along a front: its end is met to round-off only
@@ -63,7 +62,7 @@ def design(
 
     Args:
         model: A model, or what `load` takes.
-        minimise: Output, see `pinflex.variation.measures`.
+        minimise: Output, see `pinflex.variation.evaluator`.
         vary: (low, high) by key path; links of one block of the YAML are one variable.
         keep: Limits, see `pinflex.variation.evaluator`; one on frequency.1 holds for those above.
         choose: Values to choose from by key path, or rows of several numbers below it (a catalogue

@@ -30,7 +30,7 @@ from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
-from pinflex.results.columns import Columns, column
+from pinflex.results.pose_map import Columns, column
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
 from pinflex.text import brief

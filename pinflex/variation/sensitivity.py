@@ -23,16 +23,8 @@ from pinflex.solver.solve import default_motion
 from pinflex.solver.step_length import default_step
 from pinflex.text import brief, number
 from pinflex.threads import one_blas_thread
-from pinflex.variation.derivatives import extrapolated, of_frequencies
-from pinflex.variation.measures import (
-    DEFAULT,
-    available,
-    check_names,
-    measure,
-    of_a_run,
-    units,
-)
-from pinflex.variation.peaks import Peaks, Slope
+from pinflex.variation.evaluator import DEFAULT, available, check_names, measure, of_a_run, units
+from pinflex.variation.peaks import Peaks, Slope, extrapolated, of_frequencies
 from pinflex.variation.variants import Variants, variants
 
 if TYPE_CHECKING:
@@ -157,7 +149,7 @@ def sensitivities(
         model: A model, or what `load` takes.
         by: Key paths, whose segments may be globs; links of one block of the YAML count as one.
             Default: sections, moduli and drive stiffnesses.
-        of: Outputs, see `pinflex.variation.measures`; default: what there is of frequency.1, mass,
+        of: Outputs, see `pinflex.variation.evaluator`; default: what there is of frequency.1, mass,
             sag, deviation.peak, torque.peak and stress.peak.
         level: Of the runs that outputs need; default: that of the YAML.
         progress: True: a bar; or a function called with (parameters done, parameters).

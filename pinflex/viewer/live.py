@@ -17,7 +17,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.results.result import Result
-from pinflex.viewer.export.lines import magnified
+from pinflex.viewer.export.pictures import magnified
 from pinflex.viewer.links import skin, triangles
 from pinflex.viewer.live_server import Bridge, Window
 from pinflex.viewer.scene import build_scene

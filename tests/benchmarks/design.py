@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 
 import pinflex as pf
-from pinflex.variation.measures import measure
+from pinflex.variation.evaluator import measure
 from pinflex.variation.variants import variants
 
 BASIS = "basis: {kind: craig_bampton, internal: 1}"

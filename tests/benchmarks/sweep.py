@@ -20,7 +20,7 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
 import pinflex as pf
-from pinflex.results.columns import Columns
+from pinflex.results.pose_map import Columns
 
 CASES = {"flexible.*.section.thickness": np.linspace(2.5e-3, 4e-3, 64), "solve.dt": [1.25e-4]}
 ROUNDS = 2

@@ -23,12 +23,11 @@ from pinflex.arrays import Array
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.mechanics.mechanism import load
-from pinflex.solver.one_run import errors, in_one_run
 from pinflex.solver.scene import Scene
-from pinflex.solver.tolerance import solve_to_tolerance
+from pinflex.solver.tolerance import errors, in_one_run, solve_to_tolerance
 from pinflex.threads import one_blas_thread
 from tests.benchmarks.race.case import scene
 from tests.benchmarks.race.report import machine

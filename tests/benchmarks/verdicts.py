@@ -27,7 +27,7 @@ from pathlib import Path
 import pinflex as pf
 from pinflex.advice.advise import advise
 from pinflex.advice.error_bars import finer_model
-from pinflex.advice.proposal import Advice
+from pinflex.advice.reduced_models import Advice
 from pinflex.description.description import model_names
 from pinflex.results.comparison import Comparison
 from pinflex.results.verdict import allowed, simplest

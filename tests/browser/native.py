@@ -8,10 +8,9 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
-from pinflex.browser.inputs import tabulate
-from pinflex.browser.recipe import GRAIN, TOGETHER, live_scene
+from pinflex.browser.recipe import GRAIN, TOGETHER, live_scene, tabulate
 from pinflex.integrators import march
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.judge import Expected, Judge

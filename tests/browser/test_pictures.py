@@ -18,8 +18,8 @@ import pytest
 from pinflex.__main__ import main
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.results.result import Result
-from pinflex.viewer.export.capture import film, picture
-from pinflex.viewer.export.pictures import instant
+from pinflex.viewer.export.pictures import captured_film as film
+from pinflex.viewer.export.pictures import instant, picture
 from tests.browser.chromium import CHROMIUM
 
 
@@ -80,7 +80,7 @@ def test_without_ffmpeg_one_sentence_says_what_to_do(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(
-        "pinflex.viewer.export.capture.shutil.which",
+        "pinflex.viewer.export.pictures.shutil.which",
         lambda name: CHROMIUM if "chrom" in name else None,
     )
     assert main(["view", str(run.save(tmp_path / "run.npz")), "--mp4"]) == 1

@@ -15,7 +15,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.results.result import Result
-from pinflex.studies.mode_shapes import mode_runs
+from pinflex.studies.pose import mode_runs
 from pinflex.viewer.export.pictures import instant
 from pinflex.viewer.links import MOST
 from pinflex.viewer.scene import build_scene

@@ -164,7 +164,7 @@ def test_what_cannot_be_written_is_found_out_before_the_run(capsys, monkeypatch,
     model = write_model(tmp_path, "arm")
     (tmp_path / "file").write_text("in the way")
     inside = tmp_path / "file" / "run.npz"
-    for name in ("pinflex.advice.solve", "pinflex.studies.open_steps"):
+    for name in ("pinflex.advice.solve", "pinflex.studies.study"):
         module = importlib.import_module(name)
         monkeypatch.setattr(module, "solve", lambda *a, **k: pytest.fail("solved first"))
     refused(call(capsys, "solve", model, "-o", inside), 2, "cannot be written")

@@ -430,7 +430,7 @@ def test_when_no_level_can_be_solved_the_code_is_1_and_the_reasons_are_written(
     def stop(mechanism: object, motion: object, level: str, **options: object) -> Result:
         raise ConvergenceError(f"{level} stopped. Try another.")
 
-    monkeypatch.setattr("pinflex.studies.open_steps.solve", stop)
+    monkeypatch.setattr("pinflex.studies.study.solve", stop)
     answer = call(capsys, "compare", fourbar, "-o", tmp_path)
     assert answer.code == 1
     assert answer.err.startswith("pinflex: fourbar: none of the levels rigid, quasistatic, ked")

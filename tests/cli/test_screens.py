@@ -17,9 +17,8 @@ import pytest
 
 from pinflex import boundary
 from pinflex.__main__ import build_parser, main
-from pinflex.advice import proposal as advice_text
-from pinflex.advice.proposal import Advice
-from pinflex.advice.reduced_models import LeftOut
+from pinflex.advice import reduced_models as advice_text
+from pinflex.advice.reduced_models import Advice, LeftOut
 from pinflex.errors import PinflexError
 from pinflex.results.verdict import criterion
 from tests.cli.small import call, write_model

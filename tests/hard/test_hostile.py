@@ -19,7 +19,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.description.motions import shaping
+from pinflex.description.motions import trajectory
 from pinflex.description.reading import yaml_text
 from pinflex.errors import ModelNotFoundError
 from pinflex.kernel import build
@@ -51,12 +51,12 @@ def test_a_scalar_that_is_not_what_its_tag_says_is_named_by_line(value: str, wor
 
 @pytest.mark.parametrize(("kind", "most"), [("zv", 11), ("zvd", 7), ("ei", 7)])
 def test_a_shaper_of_endless_impulses_is_refused(kind: str, most: int) -> None:
-    assert shaping.shaper(kind, range(1, most + 1)).times.size <= shaping.MOST
+    assert trajectory.shaper(kind, range(1, most + 1)).times.size <= trajectory.MOST
     with pytest.raises(pf.DescriptionError, match=rf"{most + 1} frequencies make \d\^{most + 1} "):
-        shaping.shaper(kind, range(1, most + 2))
+        trajectory.shaper(kind, range(1, most + 2))
     block = {"kind": kind, "frequencies": [*range(1, 21)]}
     with pytest.raises(pf.DescriptionError, match=f"Give at most {most}"):
-        shaping.read(block, "motion.shaper")
+        trajectory.read(block, "motion.shaper")
 
 
 @pytest.mark.parametrize("source", ["a" * 5000, "a/" * 3000])

@@ -22,8 +22,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.lab.four_bars import SPEEDS, four_bars, four_bars_exact
-from pinflex.lab.loops import bricard
+from pinflex.lab.loops import SPEEDS, bricard, four_bars, four_bars_exact
 from tests.scenes import Body, load
 
 BAR = (1.0, (0.5, 0, 0), (1e-3, 1 / 12, 1 / 12))

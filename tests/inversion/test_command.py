@@ -53,9 +53,8 @@ from scipy.special import beta, betainc
 import pinflex as pf
 from pinflex.inversion import exact, saddle
 from pinflex.inversion.exact import invert
-from pinflex.inversion.instant import Instant
 from pinflex.inversion.on_grid import series
-from pinflex.inversion.target import delayed, target
+from pinflex.inversion.target import Instant, delayed, target
 
 BEAM = "{shape: rectangle, width: 0.025, thickness: 0.004}"
 CRANKS = (

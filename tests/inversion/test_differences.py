@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from pinflex.inversion.differences import spline
+from pinflex.inversion.exact import spline
 
 
 def test_the_quintic_spline_is_that_of_b_splines() -> None:

@@ -19,10 +19,10 @@ import scenes
 
 import pinflex as pf
 from pinflex.description.motions.motion import from_spec
-from pinflex.description.motions.shaping import shaper
+from pinflex.description.motions.trajectory import shaper
 from pinflex.levels.modes import ringing
 from pinflex.solver.solve import default_motion
-from pinflex.studies.shapers import ERRORS, shapers
+from pinflex.studies.frequency_response import ERRORS, shapers
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.02, 0.1])

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import pinflex as pf
 from pinflex.arrays import Array
-from pinflex.lab.four_bars import four_bars
+from pinflex.lab.loops import four_bars
 from pinflex.mechanics.evaluation.equations import Equations
 from tests import finite
 from tests.property.trees import Recipe, mirrored, moved, renumbered, tree

@@ -27,7 +27,7 @@ from pinflex import registered
 from pinflex.description import loops, section, solve, sources
 from pinflex.errors import DescriptionError
 from pinflex.results import quantities
-from pinflex.studies import pool
+from pinflex.studies import batch
 
 ROOT = Path(pf.__file__).parents[1]
 ARM = """<robot name="arm">
@@ -173,7 +173,7 @@ def test_a_closure_kind(tmp_path: Path) -> None:
 # ---- a stepper
 def backward_euler(at, steps, dt, start):
     """M a + C v + K d + r = 0 with v' = v + dt a, d' = d + dt v'; first order."""
-    from pinflex.integrators.linear import State, saddle
+    from pinflex.integrators.collocation import State, saddle
 
     d, v = start, np.zeros_like(start)
     for k in range(steps):
@@ -260,7 +260,7 @@ def test_registered_integrators_have_names_in_the_yaml(tmp_path: Path) -> None:
 def test_a_sweep_in_processes_knows_what_was_registered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pool, "can_fork", lambda: False)  # a copy of this process has it anyway
+    monkeypatch.setattr(batch, "can_fork", lambda: False)  # a copy of this process has it anyway
     solve.register_integrator(EULER)
     section.register_shape(ELLIPSE)
     path = arm(tmp_path, "{shape: ellipse, height: 0.006, width: 0.02}")

@@ -26,7 +26,7 @@ from pinflex.boundary import VARIABLE, public
 from pinflex.description.reading.schema import names_of
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.results.columns import Columns
+from pinflex.results.pose_map import Columns
 
 KEYS = {"until": 0.02, "samples": 21, "dt": 1e-3}
 

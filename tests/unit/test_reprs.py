@@ -17,7 +17,7 @@ import pytest
 import pinflex as pf
 from pinflex.quickest.limits import Limits
 from pinflex.report import card, grid, pairs, words
-from pinflex.results.columns import Columns
+from pinflex.results.pose_map import Columns
 
 MOVE = pf.quintic(platform={"x": 0.02, "y": 0.0, "rz": 0.0}, duration=0.1)
 LINE, CARD = 200, 20_000  # characters of a repr and of a card

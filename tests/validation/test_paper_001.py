@@ -23,7 +23,7 @@ from papers.strain_forces import strain_forces
 
 import pinflex as pf
 from pinflex.errors import DescriptionError
-from pinflex.recovery.reactions import joint_reactions, shaking
+from pinflex.recovery.recover import joint_reactions, shaking
 from pinflex.results.views import worst_section
 
 WEIGHT = (0.152 + 6 * 0.008775) * 9.81  # [N]

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares, linear_sum_assignment
 from pinflex.levels.modes import allowed_motions
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
-from pinflex.variation.derivatives import ModalState
+from pinflex.variation.peaks import ModalState
 
 FAR = np.log(10.0)  # bounds of a fit
 NEAR = 0.05  # of a logarithm of frequency in MAC, as a fit pairs modes

@@ -23,8 +23,7 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.reading.parameters import parameters
 from pinflex.variation.design import kkt
-from pinflex.variation.evaluator import limits
-from pinflex.variation.measures import measure
+from pinflex.variation.evaluator import limits, measure
 from tests.scenes import Body, load
 
 THICKNESS = "flexible.*.section.thickness"

@@ -36,9 +36,9 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
-from pinflex.variation.derivatives import extrapolated, of_frequencies
+from pinflex.variation.evaluator import measure
 from pinflex.variation.measured import columns
-from pinflex.variation.measures import measure
+from pinflex.variation.peaks import extrapolated, of_frequencies
 from pinflex.variation.profile import covariance, hidden, unseen
 from pinflex.variation.variants import variants
 

@@ -24,8 +24,8 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.reading.parameters import parameters
 from pinflex.variation import sensitivity as module
-from pinflex.variation.derivatives import extrapolated, of_frequencies
-from pinflex.variation.measures import measure
+from pinflex.variation.evaluator import measure
+from pinflex.variation.peaks import extrapolated, of_frequencies
 from pinflex.variation.variants import variants
 from tests.scenes import Body, load
 

@@ -24,7 +24,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.integrators.equal_steps import _diverged
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.solve import default_motion
 from tests.hard.test_collocation_runs import ARM, BEAM, top

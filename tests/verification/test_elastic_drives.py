@@ -42,7 +42,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.recovery.reactions import shaking
+from pinflex.recovery.recover import shaking
 from pinflex.studies.checking.check import check
 from pinflex.viewer.plots.axes import torque_speed
 from tests.finite import slope

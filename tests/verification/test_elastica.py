@@ -5,27 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pinflex.lab import elastica, princeton
-from pinflex.lab.extrapolation import extrapolated
+from pinflex.lab import elastica
+from pinflex.lab.scene import extrapolated
 from tests.analytical import cosserat_tip
 
 
 @pytest.mark.parametrize("angle", [0, 30, 45, 60, 90])
 def test_the_princeton_table_is_that_of_the_exact_rod_to_its_last_digit(angle: int) -> None:
-    stiffness = np.array([princeton.EA, princeton.GA, princeton.GA, princeton.GJ, *princeton.EI])
+    stiffness = np.array([elastica.EA, elastica.GA, elastica.GA, elastica.GJ, *elastica.EI])
     turn = np.radians(angle)
     for load in (4.448, 13.345):
         force = np.array([0.0, load * np.cos(turn), load * np.sin(turn)])
-        place, R = cosserat_tip(princeton.LENGTH, force, stiffness)
+        place, R = cosserat_tip(elastica.LENGTH, force, stiffness)
         twist = np.degrees(np.arctan2(-R[2, 1], R[1, 1]))
         found = np.array([*(1e3 * place[1:]), twist])
-        assert found == pytest.approx(np.array(princeton.TIPS[load, angle]), abs=1e-4)
+        assert found == pytest.approx(np.array(elastica.TIPS[load, angle]), abs=1e-4)
 
 
 def test_the_rotation_vector_gives_another_twist_than_the_published_one() -> None:
-    stiffness = np.array([princeton.EA, princeton.GA, princeton.GA, princeton.GJ, *princeton.EI])
+    stiffness = np.array([elastica.EA, elastica.GA, elastica.GA, elastica.GJ, *elastica.EI])
     force = 8.896 * np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0)
-    _, R = cosserat_tip(princeton.LENGTH, force, stiffness)
+    _, R = cosserat_tip(elastica.LENGTH, force, stiffness)
     angle = np.arccos((np.trace(R) - 1) / 2)
     along_x = np.degrees(angle / (2 * np.sin(angle)) * (R[2, 1] - R[1, 2]))
     assert along_x == pytest.approx(-1.4767, abs=1e-4)

@@ -23,13 +23,13 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 import pinflex as pf
-from pinflex.bodies.second_order import _second_rotation
+from pinflex.bodies.superelement import _second_rotation
 from pinflex.description.blocks.external import FrameForce
-from pinflex.description.motions.shaping import shaper
+from pinflex.description.motions.trajectory import shaper
 from pinflex.description.section import from_spec
 from pinflex.recovery.kinematics import load_work
-from pinflex.recovery.reactions import shaking
-from pinflex.recovery.stress import stresses
+from pinflex.recovery.links import stresses
+from pinflex.recovery.recover import shaking
 from pinflex.results.views import point_stress
 from tests.finite import slope
 from tests.scenes import Body, load

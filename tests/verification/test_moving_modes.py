@@ -17,7 +17,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.levels.moving_modes import _quadratic
+from pinflex.levels.modes import _quadratic
 from tests.scenes import Body, load
 
 SHAFT = """

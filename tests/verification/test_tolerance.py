@@ -27,7 +27,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import _run, _spec, default_motion

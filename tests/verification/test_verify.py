@@ -11,8 +11,8 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.lab import verify
-from pinflex.lab.published import CASES
-from pinflex.lab.record import Case, Check, Outcome
+from pinflex.lab.scene import Case, Check, Outcome
+from pinflex.lab.verify import CASES
 
 # Each as the command runs it by default, about two minutes in all; `--long` has the others.
 NAMES = [case.name for case in CASES if not case.slow]

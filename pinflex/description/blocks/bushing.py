@@ -21,8 +21,8 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description import sources
-from pinflex.description.blocks import drives
-from pinflex.description.blocks.frames import WORLD, ends
+from pinflex.description.blocks import joints as drives
+from pinflex.description.blocks.external import WORLD, ends
 from pinflex.description.files import Source
 from pinflex.description.loops import BUSHING, RESIST, resists
 from pinflex.description.reading import schema

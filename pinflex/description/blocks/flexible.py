@@ -9,8 +9,8 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from pinflex.description import section
-from pinflex.description.blocks import material, solid_keys
-from pinflex.description.blocks.frames import frame
+from pinflex.description.blocks import material
+from pinflex.description.blocks.external import frame
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import Source
 from pinflex.description.reading import schema, yaml_text
@@ -210,7 +210,7 @@ BASES: dict[str, tuple[str, ...]] = {
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
-BEAM_BASES = tuple(kind for kind in BASES if kind not in solid_keys.KINDS)
+BEAM_BASES = tuple(kind for kind in BASES if kind not in material.KINDS)
 INERTIAS = ("urdf", "beam")
 ORDERS = ("cubic", "quintic")
 STRETCHES = ("sines", "polynomials")
@@ -377,7 +377,7 @@ def from_spec(
 ) -> FlexibleLink:
     """A flexible link from its YAML block."""
     block = schema.mapping(spec, where, KEYS)
-    solid = solid_keys.is_solid(block.get("basis"))
+    solid = material.is_solid(block.get("basis"))
     schema.mapping(spec, where, KEYS, ("material",) if solid else ("material", "section"))
     place = {key: schema.at(where, key) for key in KEYS}
     values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
@@ -395,7 +395,7 @@ def from_spec(
         rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
         values |= {"rayleigh": rayleigh, "modal_damping": modal}
     if solid:
-        solid_keys.refuse_beam_keys(block, place)
+        material.refuse_beam_keys(block, place)
     elif "basis" in values and values["basis"].kind == "ritz8":
         values.setdefault("axial", True)
     made = material.from_spec(block["material"], place["material"])
@@ -441,10 +441,10 @@ def basis_from_spec(spec: object, where: str) -> Basis:
                 f"{place[key]}: has no meaning for the kind {kind}, which takes "
                 f"{', '.join(BASES[kind])}. Remove it, or write kind: {owner}."
             )
-    if kind in solid_keys.KINDS:
-        values = {key: solid_keys.read(key, block[key], place[key]) for key in BASES[kind]
+    if kind in material.KINDS:
+        values = {key: material.read(key, block[key], place[key]) for key in BASES[kind]
                   if key in block}  # fmt: skip
-        solid_keys.check(kind, block, where)
+        material.check(kind, block, where)
         return Basis(kind, **{"modes": 6} | values)
     if kind == "finite_element" and "boundary" in block:
         schema.choice(block["boundary"], place["boundary"], ("clamped_free", "free_free"))

@@ -18,12 +18,12 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.motions import laws, shaping
+from pinflex.description.motions import laws
 from pinflex.description.motions import laws as formulas
-from pinflex.description.motions import motion_keys as keys
+from pinflex.description.motions import laws as keys
 from pinflex.description.motions import trajectory as paths
-from pinflex.description.motions.laws import SNAP, Kinematics
-from pinflex.description.motions.motion_keys import PLATFORM_COORDINATES, Moves
+from pinflex.description.motions import trajectory as shaping
+from pinflex.description.motions.laws import PLATFORM_COORDINATES, SNAP, Kinematics, Moves
 from pinflex.description.motions.trajectory import Motion, of_moves
 from pinflex.description.reading.schema import shown
 from pinflex.description.trajectories.profiles import Limit, ruckig, scurve, trapezoid_times

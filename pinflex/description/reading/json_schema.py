@@ -11,12 +11,12 @@ import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pinflex.description import loops, payload, section
-from pinflex.description.blocks import control, drives, external, flexible, joints, material
+from pinflex.description import loops, section
+from pinflex.description.blocks import control, external, flexible, joints, material
 from pinflex.description.blocks.flexible import PATCH_KEYS as PATCH_KEYS
 from pinflex.description.description import KEYS, Description
 from pinflex.description.files import HOME_SIZES
-from pinflex.description.motions import shaping
+from pinflex.description.motions import trajectory
 from pinflex.description.motions.motion import KINDS
 from pinflex.description.reading.schema import RANGES, UNITS
 from pinflex.description.solve import SolveSpec
@@ -54,7 +54,7 @@ def json_schema() -> Form:
             ["between"])),
         "added_masses": _named(_block(_any(external.ADDED_KEYS) | {"at": _TEXT}, ["at"])),
         "payload": _block(
-            {key: _measure(of) if key == "mass" else {} for key, of in payload.KEYS.items()}
+            {key: _measure(of) if key == "mass" else {} for key, of in external.KEYS.items()}
             | {"at": _TEXT}, ["at", "mass"]),
         "control": _control(),
         "motion": _motion(),
@@ -132,7 +132,9 @@ def _joint() -> Form:
         "type": {"enum": [*joints.TYPES]},
         "axes": {"type": "array"},
         "rest": _MEASURE,
-        "drive": _block(_any(drives.KEYS) | _of_record(drives.Drive) | {"friction": _friction()}),
+        "drive": _block(
+            _any(joints.DRIVE_KEYS) | _of_record(joints.Drive) | {"friction": _friction()}
+        ),
         "friction": _friction(),
         "follows": {"anyOf": [_TEXT, {"const": False}]},
         "stops": _block(_of_record(joints.Stops)),
@@ -145,7 +147,7 @@ def _joint() -> Form:
 
 def _friction() -> Form:
     """A block, or the sliding friction alone."""
-    return {"anyOf": [_NUMBER, _block(_of_record(drives.Friction))]}
+    return {"anyOf": [_NUMBER, _block(_of_record(joints.Friction))]}
 
 
 def _damping(keys: Iterable[str]) -> Form:
@@ -194,5 +196,5 @@ def _motion() -> Form:
 
 
 def _shaper() -> Form:
-    kinds = {"enum": [*shaping.KINDS]}
-    return {"anyOf": [kinds, _block(_any(shaping.KEYS) | {"kind": kinds})]}
+    kinds = {"enum": [*trajectory.KINDS]}
+    return {"anyOf": [kinds, _block(_any(trajectory.KEYS) | {"kind": kinds})]}

@@ -17,8 +17,7 @@ from typing import Any
 
 from pinflex.arrays import Array
 from pinflex.description.files import MOST_DATA, MOST_TEXT, require_regular
-from pinflex.description.robots.tree_text import Tree, pose
-from pinflex.description.robots.xml_lines import Element, parse
+from pinflex.description.robots.tree_text import Element, Tree, parse, pose
 from pinflex.errors import DescriptionError
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint

@@ -19,8 +19,19 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.files import Source
 from pinflex.description.robots import urdf
-from pinflex.description.robots.tree_text import Inertia, Joint, Tree, Visual, from_rpy, pose
-from pinflex.description.robots.xml_lines import Element, known, numbers, parse, unused
+from pinflex.description.robots.tree_text import (
+    Element,
+    Inertia,
+    Joint,
+    Tree,
+    Visual,
+    from_rpy,
+    known,
+    numbers,
+    parse,
+    pose,
+    unused,
+)
 from pinflex.errors import DescriptionError
 
 # What the elements of an SDF mean: poses, axes, limits, shapes.

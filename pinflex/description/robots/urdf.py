@@ -11,7 +11,7 @@ import numpy as np
 
 from pinflex.description.files import HOME_SIZES, Source, SourceJoint
 from pinflex.description.reading import schema
-from pinflex.description.robots.xml_lines import malformed, refuse_doctype, require_shallow
+from pinflex.description.robots.tree_text import malformed, refuse_doctype, require_shallow
 from pinflex.errors import DescriptionError, nearest
 
 _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical"))

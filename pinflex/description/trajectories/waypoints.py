@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import math
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +15,341 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.motions import motion_keys as keys
+from pinflex.description.files import MOST_TABLE, require_regular
+from pinflex.description.motions import laws as keys
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.trajectory import Motion
+from pinflex.description.reading import yaml_text
 from pinflex.description.reading.schema import shown
-from pinflex.description.trajectories import messages
-from pinflex.description.trajectories.messages import Waypoints
-from pinflex.description.trajectories.pieces import Pieces, hermite
+from pinflex.description.trajectories.profiles import Pieces, hermite
+from pinflex.errors import DescriptionError, nearest
+
+# Waypoints as ROS writes them (JointTrajectory in YAML or JSON) and as CSV; refused by line.
+
+FIELDS = ("positions", "velocities", "accelerations", "effort")
+_POINT = (*FIELDS, "time_from_start")
+_WRAPPERS = ("trajectory", "joint_trajectory", "goal", "msg")  # of FollowJointTrajectory, MoveIt
+_SECONDS = (("sec", "nanosec"), ("secs", "nsecs"))  # ROS 2, ROS 1
+_COLUMNS = {  # of a CSV, behind the name of a joint
+    "position": "positions",
+    "velocity": "velocities",
+    "acceleration": "accelerations",
+    "torque": "effort",
+    "effort": "effort",
+}
+_ASIDE = ("motor_position", "motor_speed", "motor_torque")  # of drives, in the file of a command
+_TIMES = ("t", "time", "time_from_start")
+_FACTORS = {"": 1.0, "s": 1.0, "ms": 1e-3, "rad": 1.0, "m": 1.0, "deg": math.pi / 180, "mm": 1e-3}
+_PER = {"positions": "", "velocities": "/s", "accelerations": "/s^2"}
+
+Place = Callable[..., str]  # the steps of a path, to where it stands for a message
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Points in time of named joints.
+
+    Attributes:
+        names: Joints.
+        t: Times [s], shape (n,), rising.
+        values: By field of `FIELDS` that all points have, shape (n, joints) [rad | m, per s, ...].
+    """
+
+    names: tuple[str, ...]
+    t: Array
+    values: Mapping[str, Array]
+
+
+def read(file: str | Path) -> Waypoints:
+    """The waypoints of a file: .csv, or .yaml, .yml and .json of a JointTrajectory.
+
+    Raises:
+        DescriptionError: With the line and the field that is wrong.
+    """
+    path = Path(file)
+    where = f"trajectory.file: {path}"
+    require_regular(path, MOST_TABLE, where)
+    if path.suffix.lower() not in (".csv", ".yaml", ".yml", ".json"):
+        raise keys.bad(where, "no such kind of trajectory. Allowed: .csv, .yaml, .yml, .json.")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise keys.bad("trajectory.file", f"cannot read {file}: {why}. Give a file.") from error
+    return of_csv(text, where) if path.suffix.lower() == ".csv" else _of_text(text, where)
+
+
+def _of_text(text: str, where: str) -> Waypoints:
+    """A message in YAML or JSON."""
+    text = re.sub(r"\n---\s*$", "\n", text.replace("\t", " "))  # `ros2 topic echo` ends so
+
+    def place(*path: str | int) -> str:
+        return f"{where}, line {_line(text, path)}: {dotted(path)}"
+
+    return of_message(yaml_text.load(text, where), place)
+
+
+def _line(text: str, path: tuple[str | int, ...]) -> int:
+    """Line on which a value of a YAML begins, or the last block on the way to it."""
+    import yaml
+
+    node = yaml.compose(text, yaml.SafeLoader)
+    for step in path:
+        below = None
+        if isinstance(node, yaml.SequenceNode) and isinstance(step, int):
+            below = node.value[step] if step < len(node.value) else None
+        elif isinstance(node, yaml.MappingNode):
+            below = next((value for key, value in node.value if key.value == step), None)
+        if below is None:
+            break
+        node = below
+    return 1 if node is None else int(node.start_mark.line) + 1
+
+
+def dotted(path: tuple[str | int, ...]) -> str:
+    """points, 2, velocities, 1 -> points[2].velocities[1]."""
+    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+    return "".join(steps).lstrip(".")
+
+
+def of_message(message: Any, place: Place) -> Waypoints:
+    """The waypoints of a JointTrajectory as plain data."""
+    above: tuple[str | int, ...] = ()
+    while isinstance(message, Mapping) and "points" not in message:
+        inner = next((key for key in _WRAPPERS if key in message), None)
+        if inner is None:
+            break
+        message, above = message[inner], (*above, inner)
+        if isinstance(message, list) and len(message) == 1:
+            message, above = message[0], (*above, 0)
+    if not isinstance(message, Mapping):
+        raise _bad(place(*above, "points"), f"{shown(message)} is no JointTrajectory.")
+    for key in ("joint_names", "points"):
+        if not isinstance(message.get(key), list | tuple) or not message[key]:
+            found = shown(message.get(key)) if key in message else "missing"
+            raise _bad(place(*above, key), f"{found}. A JointTrajectory lists {key} here.")
+    names = tuple(str(name) for name in message["joint_names"])
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise _bad(place(*above, "joint_names", k), f'"{name}" is there twice. Name each once.')
+    times, rows = [], []
+    for k, point in enumerate(message["points"]):
+        at = (*above, "points", k)
+        times.append(_time(point, at, place))
+        rows.append(_row(point, at, names, place))
+        _require_same(rows, at, place)
+        if len(times) > 1 and times[-1] <= times[-2]:
+            text = f"{times[-1]:g} s follows {times[-2]:g} s. Times must rise."
+            raise _bad(place(*at, "time_from_start"), text)
+    values = {field: np.array([row[field] for row in rows]) for field in rows[0]}
+    return _stopping(Waypoints(names, np.array(times), values), above, place)
+
+
+def _time(point: Any, at: tuple[str | int, ...], place: Place) -> float:
+    """time_from_start of a point [s]: a number, or seconds and nanoseconds."""
+    if not isinstance(point, Mapping):
+        raise _bad(place(*at), f"{shown(point)} is no point. Its keys: {', '.join(_POINT)}.")
+    for key in point:
+        if key not in _POINT:
+            raise _bad(place(*at, key), f"no such key of a point.{nearest(str(key), _POINT)}")
+    if point.get("time_from_start") is None:
+        raise _bad(place(*at), "time_from_start is missing. Give seconds, or {sec, nanosec}.")
+    given, here = point["time_from_start"], place
+    if isinstance(given, Mapping):
+        pair = next((two for two in _SECONDS if set(given) <= set(two) and given), None)
+        if pair is None:
+            text = f"{shown(given)} is no time. Give seconds, or {{sec: 1, nanosec: 500000000}}."
+            raise _bad(place(*at, "time_from_start"), text)
+        parts = []
+        for key, most in zip(pair, (2**31, 10**9), strict=True):
+            x = given.get(key, 0)
+            if isinstance(x, bool) or not isinstance(x, int) or not 0 <= x < most:
+                text = f"{shown(x)} is out of range. Allowed: whole numbers, 0 to {most - 1}."
+                raise _bad(here(*at, "time_from_start", key), text)
+            parts.append(x)
+        return parts[0] + 1e-9 * parts[1]
+    time = _number(given, lambda: place(*at, "time_from_start"), "s", "time")
+    if time < 0.0:
+        raise _bad(place(*at, "time_from_start"), f"{time:g} s. It must be 0 or more.")
+    return time
+
+
+def _row(
+    point: Mapping[str, Any], at: tuple[str | int, ...], names: tuple[str, ...], place: Place
+) -> dict[str, list[float]]:
+    """The fields that a point has, a number for each joint."""
+    row = {}
+    for field in FIELDS:
+        given = point.get(field)
+        if given is None or (isinstance(given, list | tuple) and not given):
+            continue  # as ROS writes a field that is not used
+        if not isinstance(given, list | tuple) or len(given) != len(names):
+            count = f"{len(given)} numbers" if isinstance(given, list | tuple) else shown(given)
+            text = f"{count} for {len(names)} joints ({', '.join(names[:6])}). Give one for each."
+            raise _bad(place(*at, field), text)
+        row[field] = [
+            _number(x, lambda j=j, f=field: place(*at, f, j), "rad or m (per s)")  # type: ignore[misc]
+            for j, x in enumerate(given)
+        ]
+    if "positions" not in row:
+        raise _bad(
+            place(*at, "positions"), "missing. Every point gives the position of each joint."
+        )
+    if "accelerations" in row and "velocities" not in row:
+        raise _bad(place(*at, "velocities"), "missing, though accelerations are given. Give both.")
+    return row
+
+
+def _require_same(
+    rows: list[dict[str, list[float]]], at: tuple[str | int, ...], place: Place
+) -> None:
+    """Every point has the fields of the first."""
+    for field in FIELDS:
+        if (field in rows[-1]) != (field in rows[0]):
+            word = "missing, but the first point has" if field in rows[0] else "the first has no"
+            raise _bad(place(*at, field), f"{word} {field}. Give them at every point or at none.")
+
+
+def _stopping(found: Waypoints, above: tuple[str | int, ...], place: Place) -> Waypoints:
+    """The waypoints, if they end at rest and move at all."""
+    last = len(found.t) - 1
+    if last == 0 and found.t[0] == 0.0:
+        raise _bad(place(*above, "points"), "one point at 0 s moves nothing. Give two or more.")
+    speeds = found.values.get("velocities")
+    if speeds is not None:
+        fast = np.abs(speeds[-1]) > _AT_REST * np.maximum(np.abs(speeds).max(axis=0), 1.0)
+        for j in np.flatnonzero(fast)[:1]:
+            raise _bad(
+                place(*above, "points", last, "velocities", int(j)),
+                f"{found.names[j]} ends at {speeds[-1, j]:g} rad/s or m/s; a joint_trajectory_"
+                "controller refuses that too. End at rest, with a point more.",
+            )
+    return found
+
+
+_AT_REST = 1e-6  # of the top speed, or rad/s, m/s: files of few digits end so
+
+
+def _number(value: Any, where: Callable[[], str], unit: str, of: str = "position") -> float:
+    """A finite number; where it stands is looked up for a message only."""
+    try:
+        return keys.number(value, "", unit, of)
+    except DescriptionError as error:
+        raise _bad(where(), str(error).removeprefix(": ")) from None
+
+
+def _bad(where: str, text: str) -> DescriptionError:
+    return keys.bad(where, text)
+
+
+# CSV ---------------------------------------------------------------------------------------------
+
+
+def of_csv(text: str, where: str) -> Waypoints:
+    """The waypoints of a table: t, then NAME or NAME.position, .velocity, .acceleration."""
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
+    if len(lines) < 2:
+        raise _bad(where, "no rows. A trajectory has a header t, NAME, ... and a row per instant.")
+    cells = [next(csv.reader([line])) for _, line in lines]
+    header = f"{where}, line {lines[0][0]}"
+    columns = [_column(cell.strip(), header) for cell in cells[0]]
+    names = tuple(dict.fromkeys(name for name, field, _ in columns if field and field != "t"))
+    at = _places(columns, names, header)
+    numbers = _numbers(cells[1:], columns, [f"{where}, line {number}" for number, _ in lines[1:]])
+    t = numbers[:, at["t"][0]]
+    for k in np.flatnonzero(np.diff(t, prepend=-1e-300 if t[0] == 0 else 0.0) <= 0)[:1]:
+        before = "0" if k == 0 else f"{t[k - 1]:g}"
+        raise _bad(
+            f"{where}, line {lines[k + 1][0]}: t",
+            f"{t[k]:g} s follows {before} s. Times must rise.",
+        )
+    values = {field: numbers[:, at[field]] for field in FIELDS if field in at}
+
+    def place(*path: str | int) -> str:
+        rows = [step for step in path if isinstance(step, int)]
+        number = lines[rows[0] + 1][0] if rows else lines[0][0]
+        return f"{where}, line {number}: {path[-2] if len(rows) > 1 else path[-1]}"
+
+    return _stopping(Waypoints(names, t, values), (), place)
+
+
+def _numbers(
+    rows: list[list[str]], columns: list[tuple[str, str, float]], places: list[str]
+) -> Array:
+    """The cells of columns that count in SI, shape (rows, columns), or which is none."""
+    factors = np.array([factor for _, _, factor in columns])
+    used = [j for j, (_, field, _) in enumerate(columns) if field]
+    numbers = np.zeros((len(rows), len(columns)))
+    for k, (here, row) in enumerate(zip(places, rows, strict=True)):
+        if len(row) != len(columns):
+            text = f"{len(row)} cells, the header has {len(columns)}. Give one for each."
+            raise _bad(here, text)
+        for j in used:
+            name, field, _ = columns[j]
+            try:
+                numbers[k, j] = row[j]
+            except ValueError:
+                numbers[k, j] = np.nan
+            if not np.isfinite(numbers[k, j]):
+                what = "t" if field == "t" else f"{name}.{field}"
+                text = f"{shown(row[j])} is not a finite number. Correct it."
+                raise _bad(f"{here}: {what}", text)
+    return np.asarray(numbers * factors)
+
+
+def _column(head: str, where: str) -> tuple[str, str, float]:
+    """Joint, field ("" for one that is left aside) and factor to SI of a column."""
+    found = re.fullmatch(r"(.*?)\s*(?:\[(.*)\])?", head)
+    label, unit = (found[1], found[2] or "") if found else (head, "")
+    if label.lower() in _TIMES:
+        if unit not in ("", "s", "ms"):
+            raise _bad(f"{where}: {label}", f"no unit of time: [{unit}]. Allowed: [s], [ms].")
+        return "", "t", _FACTORS[unit]
+    name, dot, word = label.rpartition(".")
+    if dot and word in _ASIDE:
+        return name, "", 1.0
+    if dot and word == "displacement":
+        text = "a displacement from home. Write the file with robot=..., which gives positions."
+        raise _bad(f"{where}: {label}", text)
+    name, field = (name, _COLUMNS[word]) if dot and word in _COLUMNS else (label, "positions")
+    if field == "effort" or unit in ("", "rad | m", "rad/s | m/s", "rad/s^2 | m/s^2"):
+        return name, field, 1.0
+    plain = unit.removesuffix(_PER[field])
+    if plain not in ("rad", "deg", "m", "mm") or (field != "positions" and plain == unit):
+        allowed = ", ".join(f"[{u}{_PER[field]}]" for u in ("rad", "deg", "m", "mm"))
+        raise _bad(f"{where}: {label}", f"no unit of {field}: [{unit}]. Allowed: {allowed}.")
+    return name, field, _FACTORS[plain]
+
+
+def _places(
+    columns: list[tuple[str, str, float]], names: tuple[str, ...], where: str
+) -> dict[str, list[int]]:
+    """Columns of the time, and of each field in the order of the names."""
+    known: dict[tuple[str, str], int] = {}
+    for k, (name, field, _) in enumerate(columns):
+        if field and (name, field) in known:
+            raise _bad(where, f"two columns of {field} of {name or 'time'}. Keep one.")
+        known[name, field] = k
+    if ("", "t") not in known:
+        raise _bad(where, f"no column of time. Allowed: {', '.join(_TIMES)}.")
+    if not names:
+        raise _bad(where, "no joint. Columns are t, then NAME.position, NAME.velocity, ...")
+    found = {"t": [known["", "t"]]}
+    for field in FIELDS:
+        have = [name for name in names if (name, field) in known]
+        lost = [name for name in names if name not in have]
+        if lost and (have or field == "positions"):
+            raise _bad(where, f"no column of {field} of {lost[0]}. Give it for each joint.")
+        if have:
+            found[field] = [known[name, field] for name in names]
+    if "accelerations" in found and "velocities" not in found:
+        raise _bad(where, "accelerations without velocities. Give both.")
+    return found
+
 
 _RATES = ("positions", "velocities", "accelerations")
 _FEW = 64  # waypoints at which steps end; of more those alone at which an acceleration jumps
@@ -54,10 +385,10 @@ def trajectory(
     if (file is None) == (points is None):
         raise keys.bad("trajectory", "give either file, or joint_names and points.")
     if isinstance(file, str | Path):
-        found = messages.read(file)
+        found = read(file)
     elif file is not None or points is not None:
         message: Any = file if file is not None else {"joint_names": joint_names, "points": points}
-        found = messages.of_message(message, _inline)
+        found = of_message(message, _inline)
     keys.names(found.names, "joints", "trajectory.joint_names")
     begin = _begin(found, start)
     law = _law(found, begin)
@@ -84,7 +415,7 @@ def points_of(found: Waypoints) -> list[dict[str, Any]]:
 
 
 def _inline(*path: str | int) -> str:
-    return f"trajectory.{messages.dotted(path)}"
+    return f"trajectory.{dotted(path)}"
 
 
 def _begin(found: Waypoints, start: Any) -> Array:

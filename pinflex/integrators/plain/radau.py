@@ -25,8 +25,7 @@ from pinflex.actuation.drive import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.problem import Problem, State, StepFailed, seen_inside
-from pinflex.integrators.run import Run, Settings
+from pinflex.integrators.problem import Problem, Run, Settings, State, StepFailed, seen_inside
 from pinflex.linalg import lapack
 from pinflex.mechanics.manifold import Manifold
 

@@ -1,5 +1,5 @@
 /* Elastic potential of links, e' K e / 2 of e = eta - rest, with rest where they are free of stress,
-   and that of bends that are not small, of fourth order in eta (pinflex/bodies/section_at.py):
+   and that of bends that are not small, of fourth order in eta (pinflex/bodies/basis.py):
 
      V = 1/2 sum_p k_p m_p^2,   m = v' v'' + w' w''  at the points p of a body,  v' = slope eta, v'' = bend eta
      dV/deta = sum_p k m u,   d2V/deta2 = sum_p k (u u' + m (slope bend' + bend slope')),   u = dm/deta

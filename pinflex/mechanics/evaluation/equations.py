@@ -37,8 +37,7 @@ from pinflex.mechanics.evaluation.compiled import (
 )
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.model.system import System
-from pinflex.mechanics.reference.coordinate_map import Configuration
-from pinflex.mechanics.reference.evaluator import Reference
+from pinflex.mechanics.reference.evaluator import Configuration, Reference
 from pinflex.text import brief
 
 if TYPE_CHECKING:

@@ -15,22 +15,24 @@ from pinflex.bodies.family import Family
 from pinflex.bodies.superelement import Node, Superelement
 from pinflex.bodies.track import Series, Track
 from pinflex.description.blocks.external import FrameForce, FrameSpring
-from pinflex.kernel.header import constant
-from pinflex.kernel.tables import Tables
+from pinflex.kernel.evaluate import Tables
+from pinflex.kernel.library import constant
 from pinflex.mechanics.closure import Closures, CoupledRows
-from pinflex.mechanics.evaluation.squares import square_tables
 from pinflex.mechanics.kinks import Kinks
-from pinflex.mechanics.model.expanded import (
+from pinflex.mechanics.model.loads import (
+    AddedMasses,
     Attachment,
     Block,
+    DryFriction,
     ElasticDrive,
     Expansion,
     Interface,
+    Loads,
     Slot,
+    Springs,
 )
-from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Loads, Springs
 from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
-from pinflex.mechanics.model.strain import BODIES, strain_tables
+from pinflex.mechanics.model.strain import BODIES, square_tables, strain_tables
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System

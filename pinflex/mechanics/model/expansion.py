@@ -22,7 +22,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.superelement import Superelement
-from pinflex.mechanics.model.expanded import (
+from pinflex.mechanics.model.loads import (
     Attachment,
     Block,
     ElasticDrive,
@@ -33,8 +33,7 @@ from pinflex.mechanics.model.expanded import (
     rigid_indices,
 )
 from pinflex.mechanics.model.parts import FlexiblePart
-from pinflex.mechanics.model.ride import Rider
-from pinflex.mechanics.model.tree import JointStep, Link
+from pinflex.mechanics.model.tree import JointStep, Link, Rider
 
 # Blocks of the coordinate map: neighbouring bodies of equal shape side by side.
 

@@ -16,12 +16,12 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
-from pinflex.description.blocks import solid_keys
+from pinflex.description.blocks import material as solid_keys
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.model import ride
-from pinflex.mechanics.model.cost import require_memory
+from pinflex.mechanics.evaluation.compiled import require_memory
+from pinflex.mechanics.model import tree
 from pinflex.mechanics.model.planes import (
     LeftOut,
     Plane,
@@ -32,8 +32,7 @@ from pinflex.mechanics.model.planes import (
     span,
     with_shear,
 )
-from pinflex.mechanics.model.ride import Rider
-from pinflex.mechanics.model.tree import Link
+from pinflex.mechanics.model.tree import Link, Rider
 from pinflex.text import brief
 
 # Slips of units, told by proportions that no robot has: millimetres for metres, tonnes for grams.
@@ -238,7 +237,7 @@ def _part(
         planes,
         reason,
         unit,
-        ride.end_riders(spec, length),
+        tree.end_riders(spec, length),
         spec,
         left_out=out,
     )
@@ -292,20 +291,20 @@ class _Ridden:
     built: _Beam
     numbers: bytes
     inertia: pin.Inertia = field(compare=False)
-    riders: tuple[ride.Rider, ...] = field(compare=False)
+    riders: tuple[tree.Rider, ...] = field(compare=False)
 
 
 @lru_cache(maxsize=64)
-def _weighed(link: _Ridden) -> tuple[ride.Split, FlexibleBody]:
+def _weighed(link: _Ridden) -> tuple[tree.Split, FlexibleBody]:
     """Shares of the inertia, and the body with its own: as described where too little fits."""
     spec, body, built = link.beam.spec, _body(link.beam), _body(link.built)
     segments = link.built.spec.segments
     length, whole = segments * link.built.length, spec.segments * link.beam.length
-    shares = ride.split(link.inertia, (built,) * segments, length)
-    if shares.share < ride.LEAST:
+    shares = tree.split(link.inertia, (built,) * segments, length)
+    if shares.share < tree.LEAST:
         return shares, body
-    shares = ride.moved(shares, whole / length)
-    return shares, ride.weighed(body, spec, shares, (*shares.riders, *link.riders))
+    shares = tree.moved(shares, whole / length)
+    return shares, tree.weighed(body, spec, shares, (*shares.riders, *link.riders))
 
 
 def _built(spec: FlexibleLink, length: float) -> tuple[FlexibleLink, float]:
@@ -331,8 +330,8 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
     numbers = np.concatenate([[inertia.mass], inertia.lever, inertia.inertia.ravel()]).tobytes()
     own, theirs = _beam(spec, part.planes, part.length), _beam(built, part.planes, length)
     shares, body = _weighed(_Ridden(own, theirs, numbers, inertia, part.riders))
-    if shares.share < ride.LEAST:
-        lighter = rho * shares.share / ride.LEAST
+    if shares.share < tree.LEAST:
+        lighter = rho * shares.share / tree.LEAST
         advice = f", or material.rho up to {lighter:.3g} kg/m^3" if lighter > 1 else ""
         raise DescriptionError(
             f"{where}.inertia: a beam of {part.mass:.3g} kg does not fit into the URDF's inertia "

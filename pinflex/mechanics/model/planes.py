@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.description.blocks import solid_keys
+from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError
@@ -305,7 +305,7 @@ def _beams(
 ) -> Iterator[_Acting]:
     """Beams lie in the plane, and their patches bend them in it."""
     for spec in description.flexible:
-        if spec.basis.kind in solid_keys.KINDS:
+        if spec.basis.kind in material.KINDS:
             continue
         where = f"{description.name}: flexible.{spec.link}"
         placement, length = placed_beam(where, spec, links, index)
@@ -373,7 +373,7 @@ def _common_axis(
 
 def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
     """Those of a beam's planes about which the description says `auto`; one always stays."""
-    if spec.basis.kind in solid_keys.KINDS or len(planes) < 2:
+    if spec.basis.kind in material.KINDS or len(planes) < 2:
         return ()
     asked = _asked(spec)
     return tuple(d for d in planes if asked[d] == "auto")
@@ -386,7 +386,7 @@ def any_undecided(
     index = {link.name: number for number, link in enumerate(links)}
     plane = plane_of(description, links)
     for spec in description.flexible:
-        if spec.basis.kind in solid_keys.KINDS or spec.link in given:
+        if spec.basis.kind in material.KINDS or spec.link in given:
             continue
         where = f"{description.name}: flexible.{spec.link}"
         placement, _ = placed_beam(where, spec, links, index)

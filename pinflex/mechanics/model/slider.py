@@ -42,7 +42,7 @@ from pinflex.text import brief
 if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
     from pinflex.description.loops import Loop
-    from pinflex.mechanics.model.expanded import Attachment, Expansion, Slot
+    from pinflex.mechanics.model.loads import Attachment, Expansion, Slot
     from pinflex.mechanics.model.parts import FlexiblePart
 
 

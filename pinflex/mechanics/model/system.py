@@ -10,11 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.kernel.tables import Spares, Tables
+from pinflex.kernel.evaluate import Spares, Tables
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.kinks import Kinks
-from pinflex.mechanics.model.expanded import Expansion
-from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Loads, Springs
+from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Expansion, Loads, Springs
 from pinflex.text import brief
 
 if TYPE_CHECKING:

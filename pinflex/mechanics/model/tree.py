@@ -7,7 +7,7 @@ is undone here into one record per link.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.beam import damping
+from pinflex.description.blocks.flexible import EndMass, FlexibleLink
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
@@ -22,7 +25,7 @@ from pinflex.mechanics.model.loads import Springs
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.description.payload import Payload
+    from pinflex.description.blocks.external import Payload
 
 
 @dataclass(frozen=True)
@@ -296,3 +299,198 @@ def _rows_of(model: pin.Model, name: str) -> list[int]:
             joint = model.joints[model.getJointId(joint_name)]
             rows.extend(range(joint.idx_v, joint.idx_v + joint.nv))
     return rows
+
+
+# How a beam and rigid riders on it share the inertia that the URDF gives a link.
+#
+# The beam gives a link its stiffness, the URDF its inertia: mass, centre and moments stay as they
+# are. The beam carries as much of them as it can, and the rest (motors, covers) rides on it.
+#
+# What can be taken from a link is decided by its pseudo-inertia (Wensing, Kim, Slotine 2018)
+#
+#     J = [[Sigma, h], [h', m]],     Sigma = integral of r r' dm = 1/2 tr(I) 1 - I,
+#
+# which is positive semidefinite exactly if some positive mass distribution has it. So
+#
+# 1. the beam's mass points get the largest share s <= 1 of their density that leaves J - s J_points
+#    positive semidefinite;
+# 2. a point mass at the tip, by the lever rule, as far as the remainder stays positive
+# semidefinite;
+# 3. what only turns (the twist and the rotary inertia of sections) gets the largest share up to s
+#    that leaves the kinetic energy of the remainder positive semidefinite;
+# 4. the remainder rides on the section beside its own centre of mass, so that weight and inertia
+# load
+#    the beam with the right moment.
+#
+# Moments that were estimated often violate the triangle inequality, or nearly: then 1. and 2. would
+# leave the beam next to nothing, and ask, as 3. does, for the kinetic energy alone.
+
+# Smallest share of its density that a beam may carry. Below it the modes of the beam alone lie
+# seven times higher than those of the beam as described, and the section was not of this link.
+LEAST = 0.02
+_NONE = 1e-12  # of the link's mass and span: round-off
+_SMALL = 1e-3  # of the link's mass: a tip mass not worth having
+_AT_END = 0.05  # of the span: a remainder so near an end rides on the end itself
+
+
+@dataclass(frozen=True)
+class Rider:
+    """A rigid inertia on the section at x [m], in the section's frame (axes of the beam)."""
+
+    __repr__ = brief
+
+    x: float
+    inertia: pin.Inertia
+
+
+@dataclass(frozen=True)
+class Split:
+    """A link's inertia shared out.
+
+    Attributes:
+        share: Share of the beam's density that its stations carry, 0 to 1.
+        turning: The same for the inertia that only turns: twist and rotary inertia.
+        riders: The rest. Beam and riders have the inertia of the URDF's link to round-off.
+    """
+
+    share: float
+    turning: float
+    riders: tuple[Rider, ...]
+
+
+def end_riders(spec: FlexibleLink, length: float) -> tuple[Rider, ...]:
+    """The end masses `root` and `tip` of a description, as riders."""
+    ends: tuple[tuple[float, EndMass | None], ...] = ((0.0, spec.root), (length, spec.tip))
+    return tuple(
+        Rider(x, pin.Inertia(end.mass, np.zeros(3), np.diag(np.array(end.inertia, float))))
+        for x, end in ends
+        if end is not None
+    )
+
+
+def travelling(bodies: Sequence[FlexibleBody]) -> Array:
+    """Spatial inertia (6, 6) of the mass points of a beam, about its root [kg, kg m, kg m^2]."""
+    total = np.zeros((6, 6))
+    for k, body in enumerate(bodies):
+        points = body.points + np.array([k * body.length, 0.0, 0.0])
+        m, h = float(body.mass.sum()), body.mass @ points
+        spread = points.T @ (body.mass[:, None] * points)
+        total += _spatial(m, h, np.trace(spread) * np.eye(3) - spread)
+    return total
+
+
+def turning(bodies: Sequence[FlexibleBody]) -> Array:
+    """Spatial inertia (6, 6) of what only turns: twist stations, rotary inertia of sections."""
+    total = np.zeros((6, 6))
+    for body in bodies:
+        total[3, 3] += body.It.sum()
+        if body.inertia is not None:
+            total[3:, 3:] += np.diag(body.inertia.sum(axis=0))
+    return total
+
+
+def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> Split:
+    """Share a link's inertia between a beam and riders.
+
+    Returns:
+        The shares; `share` is 0 where no part of the beam fits.
+    """
+    units = np.append(np.ones(3), np.full(3, 1.0 / length)) / np.sqrt(link.mass)
+    scale = np.outer(units, units)
+    whole, points = scale * link.matrix(), scale * travelling(bodies)
+    form: Callable[[Array], Array] = pseudo
+    share = min(1.0, _largest(form(whole), form(points)))
+    if share < LEAST:
+        # Moments that no body has (a triangle inequality violated, in the last digits or by
+        # estimation): what matters then is that kinetic energy stays positive.
+        form, share = np.asarray, min(1.0, _largest(whole, points))
+    rest = whole - share * points
+    moment, mass = rest[5, 1], rest[0, 0]  # about the root, in units of mass and span
+    end = np.array([1.0, 0.0, 0.0])
+    tip = _spatial(1.0, end, np.diag([0.0, 1.0, 1.0]))
+    at_tip = min(max(moment, 0.0), max(mass, 0.0), _largest(form(rest), form(tip)))
+    at_tip = at_tip if at_tip > _SMALL else 0.0
+    rest = rest - at_tip * tip
+    turns = scale * turning(bodies)
+    spin = min(share, _largest(rest, turns)) if np.any(turns) else share
+    rest = rest - spin * turns
+    riders = []
+    if at_tip:
+        riders.append(Rider(length, pin.Inertia(at_tip * link.mass, np.zeros(3), np.zeros((3, 3)))))
+    if np.abs(rest).max() > _NONE:
+        x = _beside_the_centre(rest) * length
+        placed = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        riders.append(Rider(x, placed.actInv(_inertia(rest / scale, _NONE * link.mass))))
+    return Split(share, spin, tuple(riders))
+
+
+def moved(split: Split, stretch: float) -> Split:
+    """The same riders on a beam of another length, each at its share of it."""
+    return replace(split, riders=tuple(replace(r, x=stretch * r.x) for r in split.riders))
+
+
+def weighed(
+    body: FlexibleBody, link: FlexibleLink, shares: Split, riders: Sequence[Rider]
+) -> FlexibleBody:
+    """A body with its share of mass, and its mass and damping matrix with the riders."""
+    inertia = None if body.inertia is None else shares.turning * body.inertia
+    mass, It = shares.share * body.mass, shares.turning * body.It
+    M = np.einsum("k,kai,kaj->ij", mass, body.Phi, body.Phi)
+    M += np.einsum("k,ki,kj->ij", It, body.Phi_t, body.Phi_t)
+    if inertia is not None and body.Phi_r is not None:  # rows (rz, ry, rx), inertia (x, y, z)
+        M += np.einsum("ka,kai,kaj->ij", inertia[:, ::-1], body.Phi_r, body.Phi_r)
+    if link.segments == 1:  # one body stands for every segment; none of them owns the riders
+        for rider in riders:
+            Phi = body.rows(rider.x)[0][[0, 1, 2, 5, 4, 3]]
+            M += Phi.T @ rider.inertia.matrix() @ Phi
+    M = 0.5 * (M + M.T)
+    D = damping(link, body.slices, body.K, M)
+    return replace(body, mass=mass, It=It, inertia=inertia, M=M, D=D)
+
+
+def pseudo(spatial: Array) -> Array:
+    """Pseudo-inertia (4, 4) of a spatial inertia (6, 6); linear in it."""
+    tensor = spatial[3:, 3:]
+    h = np.array([[spatial[5, 1]], [spatial[3, 2]], [spatial[4, 0]]])
+    Sigma = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    return np.block([[Sigma, h], [h.T, spatial[:1, :1]]])
+
+
+def _spatial(m: float, h: Array, tensor: Array) -> Array:
+    """Spatial inertia (6, 6) of mass m, first moment h and inertia about the origin."""
+    cross = np.array([[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]])
+    return np.block([[m * np.eye(3), -cross], [cross, tensor]])
+
+
+def _inertia(spatial: Array, none: float) -> pin.Inertia:
+    """Pinocchio's record of a spatial inertia; a mass up to `none` is taken as none."""
+    m, tensor = float(spatial[0, 0]), 0.5 * (spatial[3:, 3:] + spatial[3:, 3:].T)
+    if m <= none:
+        m, h = 0.0, np.zeros(3)
+        found = pin.Inertia.Zero()
+        found.inertia = tensor
+        return found
+    h = np.array([spatial[5, 1], spatial[3, 2], spatial[4, 0]])
+    upper = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]  # its constructor refuses round-off
+    return pin.Inertia.FromDynamicParameters(np.concatenate([[m], h, upper]))
+
+
+def _largest(A: Array, B: Array) -> float:
+    """Largest s >= 0 with A - s B positive semidefinite, for A, B positive semidefinite."""
+    w, V = np.linalg.eigh(A)
+    some = w > _NONE * max(w[-1], _NONE)
+    null = V[:, ~some]
+    if w[0] < -_NONE * w[-1] or not np.any(some):
+        return 0.0
+    if null.size and np.linalg.norm(null.T @ B @ null) > _NONE * np.linalg.norm(B):
+        return 0.0
+    half = V[:, some] / np.sqrt(w[some])
+    top = float(np.linalg.eigvalsh(half.T @ B @ half)[-1])
+    return 1.0 / top if top > 0 else np.inf
+
+
+def _beside_the_centre(rest: Array) -> float:
+    """Section, as a share of the span, that is next to a remainder's centre of mass."""
+    mass, moment = rest[0, 0], rest[5, 1]
+    x = float(np.clip(moment / mass, 0.0, 1.0)) if mass > _NONE else 0.0
+    return 0.0 if x < _AT_END else 1.0 if x > 1.0 - _AT_END else x

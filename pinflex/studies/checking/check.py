@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.boundary import public
-from pinflex.description.blocks.drives import Friction
+from pinflex.description.blocks.joints import Friction
 from pinflex.description.reading.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.modes import Modes, base_state, default_motion, first_modes, modes, rigid_body

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.path import motor_axes
 from pinflex.description.description import Description
 from pinflex.description.files import Source
 from pinflex.description.robots.urdf import Limits, limits

@@ -11,8 +11,8 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody
-from pinflex.bodies.moments import CROSS
-from pinflex.description.blocks.drives import Drive, Friction
+from pinflex.bodies.superelement import CROSS
+from pinflex.description.blocks.joints import Drive, Friction
 from pinflex.errors import SceneError
 from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
 from pinflex.levels.rigid import multipliers

@@ -19,7 +19,6 @@ from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.description import sources
 from pinflex.description.blocks.flexible import FlexibleLink
-from pinflex.description.blocks.home_text import with_home
 from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.description import from_text, read
 from pinflex.description.files import Source
@@ -31,6 +30,7 @@ from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
+from pinflex.studies.scenes.proposals import with_home
 from pinflex.viewer.surfaces import Surface, surfaces_of
 from pinflex.writing import replaced
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.results.result import Result
-from pinflex.viewer.export.lines import BASE, GREY, PALE, polylines, view_of
+from pinflex.viewer.export.pictures import BASE, GREY, PALE, polylines, view_of
 from pinflex.viewer.plots.drawing import (
     COLOURS,
     WIDTH,

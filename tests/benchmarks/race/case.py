@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array
-from pinflex.integrators.run import Run
-from pinflex.kernel import header
+from pinflex.integrators.problem import Run
+from pinflex.kernel import library
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import platform_poses
 from pinflex.mechanics.evaluation.equations import Equations
@@ -91,7 +91,9 @@ def _timed_kernel() -> Iterator[list[float]]:
     """CPU seconds of each call of the kernel, while it lasts."""
     spent: list[float] = []
     functions = kernel().functions
-    plain = {name: getattr(functions, name) for name in header.functions()} if functions else {}
+    plain = (
+        {name: getattr(functions, name) for name in library.header_functions()} if functions else {}
+    )
 
     def timed(function: Callable[..., object]) -> Callable[..., object]:
         def call(*args: object) -> object:

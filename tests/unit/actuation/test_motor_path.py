@@ -14,8 +14,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.actuation import drive
-from pinflex.actuation.motors import motor_axes
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
+from pinflex.actuation.path import motor_axes
 from pinflex.solver.solve import default_motion
 
 

@@ -25,9 +25,8 @@ import pytest
 from scipy.interpolate import BPoly
 
 import pinflex as pf
-from pinflex.actuation import nominal as module
-from pinflex.actuation.drive import _hermite
-from pinflex.actuation.nominal import Nominal, _filled, _march, nominal
+from pinflex.actuation import drive as module
+from pinflex.actuation.drive import Nominal, _filled, _hermite, _march, nominal
 from pinflex.actuation.path import Path
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion, from_spec

@@ -18,11 +18,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.actuation.nominal import nominal
-from pinflex.advice.probe import Probe
-from pinflex.advice.subspace import shapes_of
-from pinflex.integrators.collocation import generalized_alpha
-from pinflex.integrators.linear import alpha
+from pinflex.actuation.drive import nominal
+from pinflex.advice.probe import Probe, shapes_of
+from pinflex.integrators.collocation import alpha, generalized_alpha
 from pinflex.levels.ked import solve_ked
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.model.parts import resolve

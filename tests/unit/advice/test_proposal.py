@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pinflex.advice.proposal import Advice
+from pinflex.advice.reduced_models import Advice
 
 
 def test_a_proposal_is_judged_by_its_worst_output() -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.bodies.basis import Curvature, curvature
 from pinflex.bodies.family import hermite
-from pinflex.bodies.section_at import Curvature, curvature
 from pinflex.mechanics.evaluation.equations import Equations
 from tests.finite import slope
 

@@ -29,16 +29,14 @@ from scipy.sparse.linalg import eigsh
 
 from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
-from pinflex.bodies.mesh import checked, read, stepped_rod
-from pinflex.bodies.second_order import _second_rotation
-from pinflex.bodies.solid import Solid, of_matrices, of_mesh
-from pinflex.bodies.superelement import reduce
+from pinflex.bodies.solid import Solid, checked, of_matrices, of_mesh, read, stepped_rod
+from pinflex.bodies.superelement import _second_rotation, reduce
 from pinflex.description.blocks.flexible import Basis, FlexibleLink
 from pinflex.description.blocks.material import Material
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.recovery import solids
+from pinflex.recovery import links
 from pinflex.studies.checking.parts import modal_data, save, summary
 from tests.finite import by_configuration, close, random_state
 from tests.scenes import Body, load
@@ -212,7 +210,7 @@ def test_stress_of_a_pulled_and_bent_rod_is_that_of_strength_of_materials(
     # The same by von Mises, of a force and a torque that the tip needs: sqrt(s^2 + 3 t^2).
     push, turn = np.zeros((1, 3)), np.zeros((1, 3))
     push[0, 0], turn[0, 0] = -1e3, -5.0
-    found = solids.surface(solid, np.zeros((1, len(rod.mass), 3)), [(push, turn)])
+    found = links.surface(solid, np.zeros((1, len(rod.mass), 3)), [(push, turn)])
     expected = np.sqrt((1e3 / A) ** 2 + 3 * (16 * 5.0 / (np.pi * D**3)) ** 2)
     # As the torsion alone
     np.testing.assert_allclose(found["von_mises"][0, middle], expected, rtol=5e-3)

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.browser.pattern import pattern_of, widened
-from pinflex.browser.recipe import live_scene, tables_of
+from pinflex.browser.recipe import live_scene, pattern_of, tables_of, widened
 from pinflex.browser.sliders import changes, proposed
-from pinflex.kernel.evaluate import Evaluator
-from pinflex.kernel.tables import Tables
+from pinflex.kernel.evaluate import Evaluator, Tables
 from tests.browser.native import apart, native_run
 
 ARM = """<robot name="arm"><link name="base"/><link name="beam"/>{tool}

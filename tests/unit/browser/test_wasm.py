@@ -12,9 +12,8 @@ import pytest
 
 import pinflex as pf
 from pinflex.browser import page
-from pinflex.browser.image import laid_out
-from pinflex.browser.recipe import live_scene, recipe
-from pinflex.browser.wasm import wasm
+from pinflex.browser.page import wasm
+from pinflex.browser.recipe import laid_out, live_scene, recipe
 from pinflex.kernel.build import zig
 
 NODE = shutil.which("node")

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinflex.description.blocks import material, torsion
+from pinflex.description import section as torsion
+from pinflex.description.blocks import material
 from pinflex.description.section import Points, Section, from_spec
 from pinflex.errors import DescriptionError
 

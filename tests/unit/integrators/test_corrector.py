@@ -19,13 +19,12 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array
-from pinflex.integrators.batch import Batch
+from pinflex.integrators.compiled import Batch
 from pinflex.integrators.corrector import Before, Corrector
 from pinflex.integrators.march import Radau, Record
-from pinflex.integrators.problem import State
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run, State
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.judge import expected

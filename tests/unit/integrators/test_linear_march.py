@@ -18,8 +18,7 @@ import pytest
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
-from pinflex.integrators.collocation import newmark
-from pinflex.integrators.linear import At, Instant, Method, alpha
+from pinflex.integrators.collocation import At, Instant, Method, alpha, newmark
 from pinflex.integrators.textbook import (
     central_difference,
     houbolt,

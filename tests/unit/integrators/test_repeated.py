@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
 from pinflex.solver.scene import Scene
 from pinflex.solver.tolerance import solve_to_tolerance

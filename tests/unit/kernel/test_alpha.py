@@ -19,10 +19,10 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import PinflexError, RunInterrupted
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
-from pinflex.kernel.stages import AlphaKernel
-from pinflex.lab.four_bars import SPEEDS, four_bars, four_bars_exact
+from pinflex.kernel.march import AlphaKernel
+from pinflex.lab.loops import SPEEDS, four_bars, four_bars_exact
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion

@@ -6,35 +6,35 @@ import ctypes
 
 import pytest
 
-from pinflex.kernel import header
-from pinflex.kernel.tables import INTEGERS, NUMBERS
+from pinflex.kernel import library
+from pinflex.kernel.evaluate import INTEGERS, NUMBERS
 
 Int, Pointer = ctypes.c_int64, ctypes.c_void_p
 
 
 def test_structures_have_the_fields_of_the_sources(monkeypatch):
     text = "typedef struct { Int n, *at; double x; } In;\ntypedef struct { In in; double y; } Out;"
-    monkeypatch.setattr(header, "_text", lambda: text)
-    for cached in (header._structures, header.structure):
+    monkeypatch.setattr(library, "_text", lambda: text)
+    for cached in (library._structures, library.structure):
         cached.cache_clear()
     try:
-        inner, outer = header.structure("In"), header.structure("Out")
+        inner, outer = library.structure("In"), library.structure("Out")
         assert inner._fields_ == [("n", Int), ("at", Pointer), ("x", ctypes.c_double)]
         assert outer._fields_ == [("in", inner), ("y", ctypes.c_double)]
         assert ctypes.sizeof(outer) == 32  # three numbers of eight bytes, and one
-        assert header.names("In", Int) == ("n",)
+        assert library.names("In", Int) == ("n",)
     finally:
-        for cached in (header._structures, header.structure):
+        for cached in (library._structures, library.structure):
             cached.cache_clear()
 
 
 def test_every_array_of_a_system_is_filled():
     """One that the sources read and nobody fills would end the process."""
-    assert {*INTEGERS, *NUMBERS} == set(header.names("Tables", Pointer))
+    assert {*INTEGERS, *NUMBERS} == set(library.names("Tables", Pointer))
 
 
 def test_functions_have_the_types_of_the_sources():
-    found = header.functions()
+    found = library.header_functions()
     assert found["pinflex_work_size"] == (Int, (Pointer,))
     assert found["pinflex_poses"] == (None, (Pointer, Pointer, Int, Pointer, Int, Pointer, Pointer))
     assert found["pinflex_factor"] == (ctypes.c_int, (Pointer, Pointer))
@@ -43,6 +43,6 @@ def test_functions_have_the_types_of_the_sources():
 
 
 def test_constants_are_counted_or_given():
-    assert [header.constant(name) for name in ("FULL", "PAUSED", "MOST_STAGES")] == [0, 4, 9]
+    assert [library.constant(name) for name in ("FULL", "PAUSED", "MOST_STAGES")] == [0, 4, 9]
     with pytest.raises(KeyError):
-        header.constant("NONE_OF_THEM")
+        library.constant("NONE_OF_THEM")

@@ -34,24 +34,20 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.arrays import Array
-from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.basis import Curvature, FlexibleBody
 from pinflex.bodies.family import Family
-from pinflex.bodies.section_at import Curvature
 from pinflex.description.blocks.joints import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import KernelWarning, PinflexError
 from pinflex.kernel import build, library
-from pinflex.kernel.evaluate import Evaluator
+from pinflex.kernel.evaluate import Evaluator, Tables
 from pinflex.kernel.library import kernel
-from pinflex.kernel.tables import Tables
 from pinflex.mechanics.closure import Closures, closures
-from pinflex.mechanics.evaluation.closure_motion import closure_motion
 from pinflex.mechanics.evaluation.compiled import Compiled, evaluated_by, on_kernel
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import Frame, frame_poses
+from pinflex.mechanics.evaluation.frames import Frame, closure_motion, frame_poses
 from pinflex.mechanics.evaluation.kernel_tables import KNOWN, SYSTEM, uncovered
-from pinflex.mechanics.model.expanded import Attachment, Expansion, Slot
-from pinflex.mechanics.model.loads import AddedMasses, Loads, Springs
+from pinflex.mechanics.model.loads import AddedMasses, Attachment, Expansion, Loads, Slot, Springs
 from pinflex.mechanics.model.system import System
 from pinflex.mechanics.reference.evaluator import Reference
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism

@@ -17,10 +17,10 @@ from pinflex.arrays import Array
 from pinflex.errors import PinflexError
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev, varying
 from pinflex.integrators.collocation import generalized_alpha, newmark
+from pinflex.kernel.evaluate import ConstantPart, LinearKernel, linear_systems
 from pinflex.kernel.library import kernel
-from pinflex.kernel.linear import ConstantPart, LinearKernel, linear_systems
-from pinflex.levels import linear_march
-from pinflex.levels.linear_march import LinearMarch, Workspace
+from pinflex.levels import ked
+from pinflex.levels.ked import LinearMarch, Workspace
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 
@@ -87,7 +87,7 @@ def test_it_is_the_march_in_numpy(n, rows, scheme, monkeypatch):
 @pytest.mark.parametrize("steps", [20, 10 * STEPS])
 def test_marches_side_by_side_are_those_one_by_one(steps, monkeypatch):
     """Factors of a window serve all of them, and another march between uses the same room."""
-    monkeypatch.setattr(linear_march, "_FACTORS", 11 * 11 * steps)
+    monkeypatch.setattr(ked, "_FACTORS", 11 * 11 * steps)
     workspace = Workspace()
     grid, parts, load = system(9, 2, seed=1)
     march, other = (

@@ -31,14 +31,12 @@ from pinflex.arrays import Array
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, Ending, PinflexError, RunInterrupted
 from pinflex.integrators import march
-from pinflex.integrators.batch import STATE, Batch
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.compiled import sorts_of
+from pinflex.integrators.compiled import STATE, Batch, read, sorts_of, tabulated
 from pinflex.integrators.march import March, Radau, Record
-from pinflex.integrators.prescribed import read, tabulated
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.kernel.stages import Rows, Scheme, StageKernel
+from pinflex.kernel.march import Rows, Scheme, StageKernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations

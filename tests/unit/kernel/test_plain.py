@@ -32,7 +32,7 @@ import pytest
 import pinflex as pf
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.run import Run
+from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
 from pinflex.solver.scene import Scene

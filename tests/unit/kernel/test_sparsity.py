@@ -16,7 +16,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled import sorts_of
 from pinflex.kernel.library import kernel
-from pinflex.kernel.stages import Rows, Scheme, StageKernel
+from pinflex.kernel.march import Rows, Scheme, StageKernel
 from pinflex.mechanics.evaluation.compiled import Compiled
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)

@@ -18,11 +18,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.actuation.nominal import nominal
+from pinflex.actuation.drive import nominal
 from pinflex.integrators.chebyshev import varying
 from pinflex.integrators.collocation import generalized_alpha
-from pinflex.levels.ked import method_of, solve_ked
-from pinflex.levels.linear_march import LinearMarch
+from pinflex.levels.ked import LinearMarch, method_of, solve_ked
 from pinflex.levels.linearised import InterpolatedPath, LinearPath, Matrices, VaryingEntries, along
 from pinflex.solver.solve import default_motion
 

@@ -32,8 +32,7 @@ import pytest
 import pinflex as pf
 from pinflex.kernel import build
 from pinflex.kernel.library import kernel
-from pinflex.live.fmi import Description
-from pinflex.live.outputs import Signal, commands, outputs_of
+from pinflex.live.fmi import Description, Signal, commands, outputs_of
 
 pytestmark = [
     pytest.mark.skipif(kernel().functions is None, reason="no kernel"),

@@ -20,7 +20,7 @@ from pinflex.levels.excited import default_motion
 
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
-from pinflex.actuation.motors import motor_axes
+from pinflex.actuation.path import motor_axes
 from pinflex.errors import PinflexError
 from pinflex.kernel import build
 from pinflex.kernel.library import kernel

@@ -19,7 +19,7 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.poses import skew
+from pinflex.mechanics.manifold import skew
 from tests.finite import by_configuration, by_time, by_vector, close
 from tests.scenes import Body, load
 

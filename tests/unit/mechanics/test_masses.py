@@ -18,7 +18,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.mechanics.model import expansion
-from pinflex.mechanics.model.expanded import Attachment
+from pinflex.mechanics.model.loads import Attachment
 from tests.benchmarks.masses import modelled, off_scene, random_rod, share
 from tests.every_model import manifold
 from tests.scenes import Body, load

@@ -36,7 +36,7 @@ from pinflex.description.blocks.material import named
 from pinflex.description.description import read
 from pinflex.description.section import from_spec
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.model import ride
+from pinflex.mechanics.model import tree
 from pinflex.recovery.validity import first_frequency
 from pinflex.studies.checking.check import check
 from tests.finite import slope
@@ -81,15 +81,15 @@ def test_beam_and_riders_are_the_link_and_the_beam_is_all_that_fits(seed: int) -
     bodies = (flexible_body(link, ("v", "w", "p"), length / segments),) * segments
     beam = sum(body.mass.sum() for body in bodies)
     urdf = cloud(rng, length, beam * float(rng.uniform(0.3, 4.0)))
-    found = ride.split(urdf, bodies, length)
-    points, turns = ride.travelling(bodies), ride.turning(bodies)
+    found = tree.split(urdf, bodies, length)
+    points, turns = tree.travelling(bodies), tree.turning(bodies)
     # the spatial inertia of the stations, by Pinocchio, one by one
     for k in range(segments):
         for x, m in zip(bodies[k].x, bodies[k].mass, strict=True):
             at = np.array([x + k * length / segments, 0.0, 0.0])
             points = points - pin.Inertia(float(m), at, np.zeros((3, 3))).matrix()
     assert np.abs(points).max() < ROUNDING * beam
-    points = ride.travelling(bodies)
+    points = tree.travelling(bodies)
     total = found.share * points + found.turning * turns
     for rider in found.riders:
         place = pin.SE3(np.eye(3), np.array([rider.x, 0.0, 0.0]))
@@ -102,10 +102,10 @@ def test_beam_and_riders_are_the_link_and_the_beam_is_all_that_fits(seed: int) -
     # no more fits: with 1e-6 more, no mass distribution has what is left
     assert 0.0 < found.turning <= found.share <= 1.0
     size = np.diag([1 / length] * 3 + [1.0])
-    left = size @ ride.pseudo(whole - found.share * points) @ size
+    left = size @ tree.pseudo(whole - found.share * points) @ size
     assert lowest(left) > -ROUNDING * urdf.mass
     if found.share < 1:
-        more = size @ ride.pseudo(whole - (found.share + 1e-6) * points) @ size
+        more = size @ tree.pseudo(whole - (found.share + 1e-6) * points) @ size
         assert lowest(more) < 0
 
 
@@ -113,9 +113,9 @@ def test_two_motors_ride_at_the_ends_by_the_lever_rule() -> None:
     """A tube with 2 kg around its root and 1 kg at its tip gets them back."""
     bodies = (flexible_body(spec(), ("v", "w", "p"), 0.5),)
     motor = pin.Inertia(2.0, np.zeros(3), np.diag([4e-3, 3e-3, 2e-3]))
-    whole = ride.travelling(bodies) + ride.turning(bodies) + motor.matrix()
+    whole = tree.travelling(bodies) + tree.turning(bodies) + motor.matrix()
     whole = whole + pin.Inertia(1.0, np.array([0.5, 0, 0]), np.zeros((3, 3))).matrix()
-    found = ride.split(inertia_of(whole), bodies, 0.5)
+    found = tree.split(inertia_of(whole), bodies, 0.5)
     assert (found.share, found.turning) == pytest.approx((1.0, 1.0), abs=1e-9)
     tip, root = found.riders
     assert (tip.x, tip.inertia.mass) == pytest.approx((0.5, 1.0), rel=1e-9)
@@ -127,8 +127,8 @@ def test_moments_that_no_body_has_keep_their_kinetic_energy() -> None:
     """Estimated moments may break the triangle inequality: Izz > Ixx + Iyy."""
     bodies = (flexible_body(spec(), ("v", "w", "p"), 0.5),)
     urdf = pin.Inertia(2.0, np.array([0.25, 0.0, 0.0]), np.diag([0.02, 0.03, 0.06]))
-    assert lowest(ride.pseudo(urdf.matrix())) < 0
-    found = ride.split(urdf, bodies, 0.5)
+    assert lowest(tree.pseudo(urdf.matrix())) < 0
+    found = tree.split(urdf, bodies, 0.5)
     assert found.share == pytest.approx(1.0)
     for rider in found.riders:
         assert lowest(rider.inertia.matrix()) > -ROUNDING
@@ -141,8 +141,8 @@ def test_stations_give_the_mass_and_damping_matrix_of_the_beam() -> None:
         for rotary in (False, True):
             link = spec(basis=basis, rotary_inertia=rotary, root=tip, tip=tip, **damp)
             body = flexible_body(link, ("u", "v", "w", "p"), 0.5)
-            whole = ride.Split(1.0, 1.0, ())
-            found = ride.weighed(body, link, whole, ride.end_riders(link, 0.5))
+            whole = tree.Split(1.0, 1.0, ())
+            found = tree.weighed(body, link, whole, tree.end_riders(link, 0.5))
             # 1e-9: integrals over sine modes, twice by quadrature
             np.testing.assert_allclose(found.M, body.M, atol=1e-9 * np.abs(body.M).max())
             np.testing.assert_allclose(found.D, body.D, atol=1e-9 * np.abs(body.D).max())

@@ -15,12 +15,10 @@ from scipy.linalg import expm
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.trajectories.profiles import double_s
-from pinflex.quickest.limits import limits_of
-from pinflex.quickest.profile import Profile, basis, even, fitted
+from pinflex.quickest.limits import Profile, RigidPath, basis, even, fitted, limits_of
 from pinflex.quickest.response import Grid
-from pinflex.quickest.rigid import RigidPath
+from pinflex.quickest.robustness import corners, varied
 from pinflex.quickest.search import Search, Task, rigid_least
-from pinflex.quickest.variants import corners, varied
 
 MASS = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 LIMIT = '<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="100"/>'

@@ -21,10 +21,9 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.recovery import samples
-from pinflex.recovery.reactions import joint_reactions, shaking
-from pinflex.recovery.recover import recover
-from pinflex.recovery.samples import run_of
+from pinflex.recovery import kinematics
+from pinflex.recovery.kinematics import run_of
+from pinflex.recovery.recover import joint_reactions, recover, shaking
 from pinflex.results.lazy import Late
 
 
@@ -80,9 +79,9 @@ def passes(monkeypatch):
     """The passes over the samples that were made, by name."""
     made = []
     for name in ("kinematics", "forces"):
-        done = getattr(samples, name)
+        done = getattr(kinematics, name)
         monkeypatch.setattr(
-            samples, name, lambda *given, n=name, f=done: (made.append(n), f(*given))[1]
+            kinematics, name, lambda *given, n=name, f=done: (made.append(n), f(*given))[1]
         )
     return made
 

@@ -21,9 +21,8 @@ import pytest
 
 from pinflex.description.description import read
 from pinflex.errors import ConvergenceError, DescriptionError
-from pinflex.studies import pool
-from pinflex.studies.batch import Interrupted, Record, keys, run
-from pinflex.studies.pool import Lost, answers
+from pinflex.studies import batch
+from pinflex.studies.batch import Interrupted, Lost, Record, answers, keys, run
 from tests.cli.small import write_model
 
 CASES = {"one": 1, "two": 2, "three": 3}
@@ -113,7 +112,7 @@ def killing_itself_at_three(x: int) -> int:
 
 @pytest.mark.parametrize("copies", [True, False], ids=["copies", "new processes"])
 def test_a_process_that_is_killed_costs_its_own_case_only(copies, monkeypatch):
-    monkeypatch.setattr(pool, "can_fork", lambda: copies)
+    monkeypatch.setattr(batch, "can_fork", lambda: copies)
     found = dict(answers(killing_itself_at_three, range(6), jobs=2))
     assert isinstance(found.pop(3), Lost)
     assert found == {x: x * x for x in (0, 1, 2, 4, 5)}
@@ -130,7 +129,7 @@ def test_an_error_in_a_copy_is_raised_here_and_ends_the_others(monkeypatch):
     started, fork = [], os.fork
     monkeypatch.setattr(os, "fork", lambda: started.append(fork()) or started[-1])
     with pytest.raises(ValueError, match="3 is refused"):
-        dict(pool.forked(refusing_three, range(40), 2))
+        dict(batch.forked(refusing_three, range(40), 2))
     assert len(started) == 2
     for pid in started:
         with pytest.raises(ChildProcessError):  # it has ended, and was waited for
@@ -141,7 +140,7 @@ def test_an_error_in_a_copy_is_raised_here_and_ends_the_others(monkeypatch):
 def test_copies_have_what_this_process_has_and_take_turns():
     here = {"loaded": "once"}  # no function of a module, no item that could be pickled
     items = [lambda k=k: (here["loaded"], os.getpid(), k) for k in range(8)]
-    found = dict(pool.forked(lambda item: item(), items, 2))
+    found = dict(batch.forked(lambda item: item(), items, 2))
     assert [found[k][0::2] for k in range(8)] == [("once", k) for k in range(8)]
     workers = {pid for _, pid, _ in found.values()}
     assert 1 <= len(workers) <= 2 and os.getpid() not in workers
@@ -149,4 +148,4 @@ def test_copies_have_what_this_process_has_and_take_turns():
 
 def test_a_process_of_several_threads_is_not_copied():
     with ThreadPoolExecutor(1) as threads:
-        assert threads.submit(pool.can_fork).result() is False
+        assert threads.submit(batch.can_fork).result() is False

@@ -16,9 +16,9 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.reading.parameters import assignments
-from pinflex.results.columns import Columns
+from pinflex.results.pose_map import Columns
 from pinflex.results.result import Result
-from pinflex.studies import many, pool
+from pinflex.studies import batch, sweep
 from tests.cli.small import ARM_YAML, write_model
 
 ARM = "urdf: arm.urdf\ngravity: [0, -9.81, 0]\nactuated: [shoulder]\n"
@@ -76,7 +76,7 @@ def test_by_how_many_they_are_divided_changes_no_bit(
     assert "section.width: -1.0 is out of range" in alone["error"][6]
     assert alone["torque.peak.motor"][5] == alone["torque.peak.motor"][7]
     assert alike(pf.batch(fourbar, cases, outputs=wanted, threads=2), alone)
-    monkeypatch.setattr(pool, "can_fork", lambda: False)
+    monkeypatch.setattr(batch, "can_fork", lambda: False)
     threads = pf.batch(fourbar, cases, outputs=wanted, threads=3)
     assert alike(threads, alone)
 
@@ -137,7 +137,7 @@ def test_what_no_case_can_take_is_said_at_once(
     fourbar: pf.Mechanism, given: dict[str, object], said: str
 ) -> None:
     with pytest.raises(pf.DescriptionError, match=said):
-        many.batch(fourbar, **given)  # type: ignore[arg-type]
+        sweep.batch(fourbar, **given)  # type: ignore[arg-type]
 
 
 def test_options_hold_for_every_case_that_has_none_of_its_own() -> None:

@@ -17,7 +17,7 @@ import pytest
 import pinflex as pf
 from pinflex.cli.process import settled
 from pinflex.errors import ConvergenceError
-from pinflex.studies import open_steps
+from pinflex.studies import study as open_steps
 from pinflex.studies.study import study
 
 LEVELS = ("coupled",)

@@ -20,8 +20,8 @@ from pinflex.errors import DescriptionError
 from pinflex.results.result import Result, peak
 from pinflex.viewer import plot
 from pinflex.viewer.plot import amplitudes, highest, maxima
-from pinflex.viewer.plots import figures
-from pinflex.viewer.plots.figures import write_png
+from pinflex.viewer.plots import axes as figures
+from pinflex.viewer.plots.axes import write_png
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
