@@ -256,7 +256,7 @@ def _retimed(args: argparse.Namespace) -> int:
             raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
     if "settle" in values(args):
         raise DescriptionError("--settle: not with --robot, which keeps the path as it is.")
-    _check_files(args.output)
+    writable(args.output)
     path, args.model = args.model, args.robot
     mechanism = load_model(args)
     typed = {"velocity": args.speed, "acceleration": args.acceleration, "jerk": args.jerk,

@@ -90,7 +90,7 @@ def step_cost(
     at, move, now = engine.kernel.at, engine.path, time.thread_time_ns
     times, counts = np.zeros((3, steps), np.int64), np.zeros((4, steps + 1), np.int64)
     length, seen = path.shape[1], _disturbances()
-    same: Callable[[], object] = _nothing
+    same: Callable[[], object] = _empty_call
     counts[:, 0] = at.iterations, at.refreshed, *seen()
     with _undisturbed():
         for k in range(steps):
@@ -113,7 +113,7 @@ def step_cost(
     return _told(mechanism.name, dt, times, counts)
 
 
-def _nothing() -> None:
+def _empty_call() -> None:
     """No arithmetic."""
 
 

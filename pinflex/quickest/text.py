@@ -24,7 +24,7 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     )
     bound = found.duration / found.rigid - 1.0
     head = (
-        f"{found.name}: the fastest move takes {found.duration:.5g} s. {_still(found)} "
+        f"{found.name}: the fastest move takes {found.duration:.5g} s. {_settling_words(found)} "
         f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(bound)} less. "
         + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
     )
@@ -38,7 +38,7 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     )  # fmt: skip
 
 
-def _still(found: Fastest) -> str:
+def _settling_words(found: Fastest) -> str:
     if found.box is not None and found.ends is not None:
         (far, fast), (most, top) = found.ends, found.box
         return (

@@ -33,7 +33,7 @@ def cut(block: Mapping[str, Any], tree: Source, file: str) -> tuple[dict[str, An
     for name in loose:
         where = f"{file}: joints.{name}"
         schema.known(name, where, tree.joints, f"joint in {tree.file}")
-        _require_alone(name, joints[name], block, tree, where)
+        _refuse_other_keys(name, joints[name], block, tree, where)
         between = [f"{name}_hole", f"{name}_pin"]
         loops[name] = {"kind": "planar", "between": between, **joints.pop(name)}
         angle = home.get(name, 0.0)
@@ -48,7 +48,7 @@ def cut(block: Mapping[str, Any], tree: Source, file: str) -> tuple[dict[str, An
     return whole, tree
 
 
-def _require_alone(
+def _refuse_other_keys(
     name: str, item: Mapping[str, Any], block: Mapping[str, Any], tree: Source, where: str
 ) -> None:
     """Refuse a joint that is no hinge, moves by itself, or says more."""

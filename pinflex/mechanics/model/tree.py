@@ -315,12 +315,11 @@ def _rows_of(model: pin.Model, name: str) -> list[int]:
 # 1. the beam's mass points get the largest share s <= 1 of their density that leaves J - s J_points
 #    positive semidefinite;
 # 2. a point mass at the tip, by the lever rule, as far as the remainder stays positive
-# semidefinite;
+#    semidefinite;
 # 3. what only turns (the twist and the rotary inertia of sections) gets the largest share up to s
 #    that leaves the kinetic energy of the remainder positive semidefinite;
 # 4. the remainder rides on the section beside its own centre of mass, so that weight and inertia
-# load
-#    the beam with the right moment.
+#    load the beam with the right moment.
 #
 # Moments that were estimated often violate the triangle inequality, or nearly: then 1. and 2. would
 # leave the beam next to nothing, and ask, as 3. does, for the kinetic energy alone.

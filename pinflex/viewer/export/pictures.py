@@ -205,7 +205,7 @@ BASE = "\0base"  # marks a line as no link of the user's
 GREY, PALE = "#56637a", "#c3c9d2"
 
 
-def drawn_still(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
+def drawn_picture(scene: dict[str, Any], path: Path, at: float, field: str, title: str) -> Path:
     """Write one instant as a .png."""
     figure, draw = _canvas(scene, field, title, (12.8, 8.0))
     draw(int(np.argmin(np.abs(scene["t"] - at))))
@@ -367,7 +367,7 @@ def still(
     if find_browser():
         return Picture(picture(page, path, at))
     scene = build_scene(result, scale=scale, meshes=None)
-    return Picture(drawn_still(scene, path, at, field, scene["name"]), _without("picture"))
+    return Picture(drawn_picture(scene, path, at, field, scene["name"]), _without("picture"))
 
 
 def film(result: Result, page: Path, path: Path, field: str, scale: float | str) -> Picture:

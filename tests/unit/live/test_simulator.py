@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pinflex.levels.excited import default_motion
 
 import pinflex as pf
 from pinflex.actuation.drive import motor_path
@@ -24,6 +23,7 @@ from pinflex.actuation.path import motor_axes
 from pinflex.errors import PinflexError
 from pinflex.kernel import build
 from pinflex.kernel.library import kernel
+from pinflex.levels.modes import default_motion
 from pinflex.live.cost import _on_and_on, step_cost
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason="no kernel")
