@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -85,16 +84,6 @@ def integrate(
     except KeyboardInterrupt:
         raise RunInterrupted(record.run(k)) from None
     except (NoConvergence, np.linalg.LinAlgError) as error:
-        if resume[1] is None and k < begin + _TOGETHER:
-            # Of vibrations that no step resolves the slope of a, by which s is ahead of it, may
-            # throw the first steps off by metres: without it they start at first order.
-            first = march.first(*start, begin)
-            if np.max(np.abs(first.s - first.a)) > np.max(np.abs(first.a)):
-                blunt = replace(first, s=first.a.copy())
-                return integrate(
-                    mechanism, dynamics, start, path, scheme, drive, tolerance, progress, feedback,
-                    (begin, blunt),
-                )  # fmt: skip
         r = getattr(error, "residual", np.array([np.nan]))
         so_far = record.run(k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None

@@ -202,7 +202,9 @@ class PlainAlpha:
     def first(self, y: Array, v: Array, k: int) -> Step:
         """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.
 
-        The slope of a comes from a second consistent state a fraction of a step away.
+        The slope of a comes from a second consistent state a fraction of a step away. One that
+        changes accelerations within a step by more than they and the motors' are is of vibrations
+        that no step resolves: it would throw the first step off, and s = a there.
         """
         scheme, part, motor_a = self.scheme, 0.01, self.path.acceleration
         a, lam = self._accelerated(k, y, v, motor_a[k])
@@ -211,6 +213,9 @@ class PlainAlpha:
         between = motor_a[k] * (1 - part) + motor_a[k + 1] * part
         a_ahead, _ = self._accelerated(k, ahead, v + dt * a, between)
         s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
+        known = max(np.max(np.abs(x), initial=0.0) for x in (a, motor_a))
+        if np.max(np.abs(s - a), initial=0.0) > known:
+            s = a.copy()
         return Step(y.copy(), v.copy(), a, s, lam, self._balance(k, y, v, a, lam)[2])
 
     def bent(self, now: Step, k: int) -> Step:
