@@ -128,7 +128,9 @@ def test_energy_over_long_time_decays_with_dissipation_and_never_grows() -> None
         assert drift[-1] < 1e-6
 
 
-def test_a_step_that_resolves_nothing_ends_in_advice_to_halve_it(tmp_path: Path) -> None:
+def test_a_step_that_resolves_nothing_is_sound_and_says_so_or_ends_in_advice(
+    tmp_path: Path,
+) -> None:
     """0.5 s steps on a beam that rings at 560 rad/s."""
     bodies = (Body("beam", "base", "revolute"), Body("tip", "beam", xyz=(1, 0, 0)))
     yaml = """
@@ -140,8 +142,12 @@ flexible:
     end: tip
 """
     m = load(tmp_path, bodies, yaml)
-    move = pf.quintic(joints={"beam_joint": 0.5}, duration=5.0)
+    keys = {"dt": 0.5, "samples": 11, "until": 10.0, "level": "coupled", "start": "straight"}
+    run = pf.solve(m, pf.quintic(joints={"beam_joint": 0.5}, duration=5.0), **keys)
+    # The static sag is 5.0 mm at the end; what rings about it by as much is damped by the method.
+    sag = np.abs(run.link("beam").deflection[:, :, :3]).max(axis=(1, 2))
+    assert sag.max() < 0.011 and abs(sag[-1] - 0.0050) < 2e-4
+    assert any("vibration is lost or shifted" in text for text in run.meta["warnings"])
     with pytest.raises(pf.ConvergenceError, match="Halve dt") as caught:
-        pf.solve(m, move, dt=0.5, samples=11, until=10.0, level="coupled", start="straight")
-    # The run so far holds sound instants only: the static sag is 5 mm.
-    assert np.abs(caught.value.result.link("beam").deflection[:, :, :3]).max() < 0.05
+        pf.solve(m, pf.quintic(joints={"beam_joint": 100.0}, duration=5.0), **keys)
+    assert len(caught.value.result.t) < 11
