@@ -15,12 +15,13 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.names import Names
-from pinflex.results import archive, report
+from pinflex.results import archive
+from pinflex.results import summary as report
 from pinflex.results.drives import DriveView
 from pinflex.results.error_bars import ErrorBars, time_error
 from pinflex.results.lazy import Late, plain_meta, read_only, timed
 from pinflex.results.quantities import QUANTITIES, unit_of
-from pinflex.results.report import Display
+from pinflex.results.summary import Display
 from pinflex.results.views import (
     Deviation,
     Event,
