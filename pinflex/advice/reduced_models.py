@@ -379,9 +379,16 @@ def _bars(title: str, a: Advice) -> Block:
     if not rows:
         return ""
     outputs = list(next(iter(rows.values())))
-    allowed = {k: percent(a.allowed.get(k, a.tol)) for k in outputs}
+    most = {k: a.allowed.get(k, a.tol) for k in outputs}
+    allowed = {k: percent(share) for k, share in most.items()}
+
+    def show(key: str) -> Callable[[Any], str]:
+        # Beyond the reference itself numbers matter only where so much is allowed.
+        bar = error_bar if most[key] <= 1.0 else percent
+        return lambda e: e if isinstance(e, str) else bar(e)
+
     records = [{"level": name, **error} for name, error in rows.items()]
-    columns = [(k, k, lambda e: e if isinstance(e, str) else error_bar(e)) for k in outputs]
+    columns = [(k, k, show(k)) for k in outputs]
     missing = [name for name in a.levels if name not in known]
     return (
         table(title, [*records, {"level": "allowed", **allowed}], "level", *columns, names=(18,)),
