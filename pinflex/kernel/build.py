@@ -126,8 +126,9 @@ def compile_wasm(out: Path) -> Path:
 
 
 def wasm_name() -> str:
-    """File name of the kernel that a page carries: it says of which sources it is."""
-    return f"kernel-{fingerprint()}.wasm"
+    """File name of the kernel that a page carries: it says of which sources and flags it is."""
+    flags = hashlib.sha256(" ".join(WASM_FLAGS).encode()).hexdigest()[:4]
+    return f"kernel-{fingerprint()}-{flags}.wasm"
 
 
 def in_short(error: Exception) -> str:
