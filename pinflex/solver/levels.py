@@ -12,6 +12,7 @@ from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Run
+from pinflex.levels.modes import default_step
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows, null_space
@@ -19,7 +20,6 @@ from pinflex.mechanics.assembly import RANK
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.scene import Progress, Scene
-from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 
 _STICTION = 1e-3  # tolerance of runs that stick, where none is given

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
+from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
-from pinflex.actuation.path import motor_axes
+from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
-from pinflex.integrators import dense
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
@@ -28,7 +27,7 @@ from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import default_step, modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
@@ -36,7 +35,6 @@ from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
-from pinflex.solver.step_length import default_step
 
 # What a digital controller takes from the motion: references of motors and rigid torques.
 
@@ -214,7 +212,7 @@ class Scene:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
 
         Steps of a dt that was asked for may be longer than the samples are apart, which then lie
-        between them (`dense.between`); others end at samples, and so do those of level ked.
+        between them (`equal_steps.between`); others end at samples, and so do those of level ked.
         """
         spec = self.spec
         steps, every = self._count(t, dt)
@@ -284,7 +282,7 @@ class Scene:
             asked = t if self.before is None else t[len(self.before.t) - 1 :]
             path = motor_path(self.mechanism, self.motion, asked) if prescribed else None
             led = None if path is None else (motor_axes(self.mechanism), path)
-            found = dense.between(run, asked, led)
+            found = coupled.between(run, asked, led)
             h, off = float(run.t[1] - run.t[0]), found.settings["interpolated"]
             text = (
                 f"samples lie between steps of {h:.3g} s, where torques are interpolated to about "

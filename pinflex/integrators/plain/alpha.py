@@ -14,19 +14,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.problem import Problem, consistent_acceleration
 from pinflex.linalg import lapack
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.actuation.drive import TorqueDrive
+    from pinflex.actuation.path import MotorPath
+    from pinflex.mechanics.mechanism import Mechanism
 
 MAX_ITERATIONS = 12
 # Contraction above which the next iteration has a new tangent, and above which it is none; then

@@ -17,7 +17,7 @@ from pinflex.bodies.track import Series, Track
 from pinflex.description.blocks.external import FrameForce, FrameSpring
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
-from pinflex.mechanics.closure import Closures, CoupledRows
+from pinflex.mechanics.closure import Closures, Contact, CoupledRows
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.loads import (
     AddedMasses,
@@ -31,7 +31,7 @@ from pinflex.mechanics.model.loads import (
     Slot,
     Springs,
 )
-from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
+from pinflex.mechanics.model.slider import Segment, Sleeve
 from pinflex.mechanics.model.strain import BODIES, square_tables, strain_tables
 
 if TYPE_CHECKING:
