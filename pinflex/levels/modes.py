@@ -25,7 +25,7 @@ from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import acts_without_potential, balance, coupled, rest
 from pinflex.levels.start import Moving, state_of_run
-from pinflex.linalg import condensed, null_space
+from pinflex.linalg import condensed, negative_directions, null_space
 from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
@@ -335,6 +335,19 @@ def vibrating(mechanism: Mechanism) -> IntArray:
     if base_state(mechanism) == "held":
         return mechanism.flexible.free
     return np.union1d(mechanism.flexible.free, mechanism.idle.base).astype(np.intp)
+
+
+def rings_below(mechanism: Mechanism, frequency: float) -> bool:
+    """Whether a natural frequency of the undeformed mechanism lies within three decades below one.
+
+    By counting, without modes: K - omega^2 M is negative in as many directions as vibrate slower
+    than omega (Sylvester's law of inertia).
+    """
+    dynamics, y, free = Equations(mechanism.flexible), mechanism.undeformed(), vibrating(mechanism)
+    K, M = (A[np.ix_(free, free)] for A in (dynamics.structural_stiffness(y), dynamics.mass(y)))
+    J, omega2 = dynamics.close(y).J[:, free], (2.0 * np.pi * frequency) ** 2
+    slower, still = (negative_directions(K - x * M, J) for x in (omega2, 1e-6 * omega2))
+    return slower > still
 
 
 def base_state(mechanism: Mechanism) -> str:

@@ -27,7 +27,6 @@ from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations, Followed, share
 from pinflex.mechanics.evaluation.frames import Frame
-from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
@@ -35,7 +34,7 @@ from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
 from pinflex.mechanics.model.planes import LeftOut, any_undecided
 from pinflex.mechanics.model.relevance import left_out, with_damping
-from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
     Joint,
     Link,

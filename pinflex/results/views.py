@@ -367,8 +367,9 @@ class FrameView(View):
     __repr__ = brief
     kind = "frame"
     arrays: ClassVar[Mapping[str, str]] = {
-        name: f"frame/NAME/{name}" for name in ("position", "rotation", "velocity", "acceleration")
-    }
+        "position": "frame/NAME/position", "rotation": "frame/NAME/rotation",
+        "velocity": "frame/NAME/velocity", "acceleration": "frame/NAME/acceleration",
+    }  # fmt: skip
 
     result: Result
     name: str

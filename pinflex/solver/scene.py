@@ -27,7 +27,7 @@ from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
-from pinflex.levels.modes import default_step, modes
+from pinflex.levels.modes import default_step, modes, rings_below
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
@@ -300,7 +300,8 @@ class Scene:
                 f"dt = {dt:g} s was cut to {h:.3g} s, as every sample takes a step. Ask for fewer "
                 "samples."
             )
-        if len(steps) < _FEW and run.system.n_eta:
+        followed = 1.0 / (_PER_PERIOD * h)  # the highest frequency, Hz
+        if len(steps) < _FEW and run.system.n_eta and not rings_below(self.mechanism, followed):
             first = modes(self.mechanism, count=9, preload="none").frequencies
             period = 1.0 / float(np.min(first[first > 0], initial=np.inf))
             if h > period / _PER_PERIOD:

@@ -110,20 +110,10 @@ class Sleeve:
         ]
 
 
-def sleeves(
-    loops: Sequence[Loop], parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
-) -> dict[str, Sleeve]:
-    """The sleeves of a description on a rigid or an expanded model, by loop."""
-    return {
-        loop.name: _sleeve(loop, parts, expansion, f"{where}: loops.{loop.name}")
-        for loop in loops
-        if loop.kind == "slider"
-    }
-
-
-def _sleeve(
+def sleeve(
     loop: Loop, parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
 ) -> Sleeve:
+    """The sleeve of a loop on a rigid or an expanded model."""
     part = _beam(loop, parts, where)
     size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
     slots = [s for s in expansion.slots if s.link == part.link]
