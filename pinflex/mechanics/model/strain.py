@@ -148,10 +148,14 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
                 eta += [start] * len(found.psi)
                 width += [n] * len(found.psi)
             above += count
-    found = {"g_rest": rest, "sum_at": np.concatenate([[0], np.cumsum(counts)]), "sum_from": first}
+    rows_of: dict[str, Any] = {
+        "g_rest": rest,
+        "sum_at": np.concatenate([[0], np.cumsum(counts)]),
+        "sum_from": first,
+    }
     if not eta:
-        return found
-    return found | {
+        return rows_of
+    return rows_of | {
         "sum": np.concatenate(weight),
         "square_at": np.concatenate([[0], np.cumsum(width, dtype=np.intp)]),
         "square_eta": eta,
