@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
@@ -373,11 +373,13 @@ def read(block: schema.Block, urdf: Source) -> tuple[tuple[float, float], tuple[
         damping = damping_from_spec(spec, block.at("damping"))
         if scope == "system":
             system, damping = damping[0], ((0.0, 0.0), 0.0)
-    place = block.at("flexible")
-    links = expand(block.get("flexible", {}), place, urdf)
-    return system, tuple(
-        from_spec(spec, link, schema.at(place, link), urdf, damping) for link, spec in links.items()
-    )
+    place, raw = block.at("flexible"), block.get("flexible", {})
+    blocks, links = schema.mapping(raw, place), list[FlexibleLink]()
+    for key, names in groups(blocks, place, urdf).items():
+        first, *others = names
+        one = from_spec(blocks[key], first, schema.at(place, first), urdf, damping)
+        links += [one, *(replace(one, link=name) for name in others)]
+    return system, tuple(links)
 
 
 def from_spec(
