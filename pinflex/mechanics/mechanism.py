@@ -467,7 +467,7 @@ class _Loading:
         rigid = self.about(tree, parts)
         if not parts and not self.geared:
             return self._done(parts, rigid, *_with_elastic_joints(rigid))
-        flexible, report = self.flexible(parts, rigid, passing=look)
+        flexible, report = self.flexible(parts, rigid)
         if look:
             out = left_out(
                 self.description, self.links, parts, flexible, rigid.home, tuple(self.own)
@@ -536,13 +536,13 @@ class _Loading:
         return rigid_system(self.description, tree, parts, motors, names, limits)
 
     def flexible(
-        self, parts: Mapping[str, FlexiblePart], rigid: Assembled, passing: bool = False
+        self, parts: Mapping[str, FlexiblePart], rigid: Assembled
     ) -> tuple[System, LoopReport]:
-        """The flexible system about the rigid one; `passing`: for a look at what deforms."""
+        """The flexible system about the rigid one."""
         model = rigid.system.rigid
         expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
         expansion.model.armature[expansion.v_at] = model.armature
-        return flexible_system(self.description, expansion, parts, rigid, passing)
+        return flexible_system(self.description, expansion, parts, rigid)
 
     def _done(
         self,
