@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from typing import Any
 
@@ -279,13 +279,9 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
         links[name] = {
             "length": part.length,
             "mass": part.mass,
-            "section": asdict(section),
+            "section": {one.name: getattr(section, one.name) for one in fields(section)},
             "material": {
-                "name": material.name,
-                "E": material.E,
-                "G": material.G,
-                "rho": material.rho,
-                "yield_strength": material.yield_strength,
+                key: getattr(material, key) for key in ("name", "E", "G", "rho", "yield_strength")
             },
             "frame": [[float(x) for x in row] for row in part.placement.rotation],
             "origin": [float(x) for x in part.placement.translation],
