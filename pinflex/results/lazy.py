@@ -56,6 +56,8 @@ class Late(Mapping[str, T]):
                 if key is None or not heads or any(_asks(key, head) for head in heads):
                     self._known.update(group())
                     del self._later[heads]
+                if key is not None and key in self._known:
+                    return
 
 
 def _asks(key: str, head: str) -> bool:
