@@ -229,9 +229,7 @@ def _joined(values: Sequence[Array]) -> Array:
     return np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
 
 
-def _forces(
-    samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
-) -> Array:
+def _forces(samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]) -> Array:
     """Section forces of one body of a link, (nt, nx, 6)."""
     eta = _coordinates(samples, slot)
     d = section_deflections(slot.body.cut, eta, _PLACES)

@@ -168,11 +168,7 @@ def describe(
     cost: dict[str, float],
     stopped: str,
 ) -> dict[str, Callable[[], Any]]:
-    """The meta mapping of a Result, key by key, but for what `assess` says.
-
-    Returns:
-        Functions that find the value of a key (plain JSON types): some take longer than a run.
-    """
+    """Functions that find the meta of a Result, key by key, but for what `assess` says."""
     description, model = mechanism.description, mechanism.rigid.rigid
     return {
         "name": lambda: mechanism.name,

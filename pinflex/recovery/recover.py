@@ -179,11 +179,7 @@ def result_of(
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:
-    """Arrays of a Result at once, by flat key.
-
-    Returns:
-        Arrays as documented in `pinflex.results.result`.
-    """
+    """Arrays of a Result at once, by flat key."""
     return dict(_arrays(Samples(mechanism, run, lambda: rigid_path), run))
 
 

@@ -88,11 +88,7 @@ def point_stress(
 
 
 def section_of(result: Result, link: str) -> Section:
-    """Cross-section of a link, from the meta of a run.
-
-    Raises:
-        DescriptionError: A file of an older pinflex lacks its dimensions.
-    """
+    """Cross-section of a link, from the meta of a run."""
     try:
         return Section(**result.meta["links"][link]["section"])
     except TypeError:
