@@ -538,7 +538,7 @@ class Scene:
         return replace(start, v=v)
 
     def _found_start(self) -> Start:
-        dynamics = Equations(self._system)
+        dynamics = Equations(self._system, marched=self.spec.level == "coupled")
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         driven = self.spec.drive == "torque"
         if isinstance(self.spec.start, str):
