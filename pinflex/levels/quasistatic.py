@@ -330,7 +330,7 @@ def solve_quasistatic(
     y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
     v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
     v[:, :m], a[:, :m] = path.v, path.a
-    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
+    links = FrozenLinks(dynamics, mechanism, free)
     torque = np.empty((nt, len(system.motors)))
     offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
     last: Equilibrium | None = None
