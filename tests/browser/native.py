@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
-from pinflex.browser.recipe import GRAIN, TOGETHER, live_scene, tabulate
+from pinflex.browser.recipe import GRAIN, SLOW, TOGETHER, live_scene, tabulate
 from pinflex.integrators import march
 from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
@@ -16,6 +16,11 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.solver.judge import Expected, Judge
 
 PART = 0.5  # of the tolerance: the resolution of the steps of a page
+
+
+class OfPage(Judge):
+    def _slowest(self, h: float) -> float:
+        return min(SLOW, super()._slowest(h))
 
 
 def native_run(mechanism: Mechanism, t: Array) -> Run:
@@ -42,9 +47,9 @@ def _judged(mechanism: Mechanism, t: Array) -> tuple[Run, Judge]:
     jumps, judges = breaks(scene.motion, dynamics.system.loads), list[Judge]()
 
     def keeper(steps: march.Radau) -> Judge:
-        steps.control = replace(steps.control, grain=GRAIN)
+        steps.control, steps.slow = replace(steps.control, grain=GRAIN), SLOW
         tabulate(steps, scene.motion, (float(t[0]), float(t[-1])), jumps)
-        judges.append(Judge(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False))
+        judges.append(OfPage(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False))
         return judges[-1]
 
     before, march.TOGETHER = march.TOGETHER, TOGETHER

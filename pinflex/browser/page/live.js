@@ -126,7 +126,7 @@ live.stress = (d) => {
 };
 live.error = (d) => {
   const worst = Math.max(...Object.values(d.error)), percent = (x) => `${digits(100 * x, 2)} %`;
-  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `torque ±${percent(d.error.torque)}, deflection ±${percent(d.error.deflection)}: what a second correction of every step changes`}];
+  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `${Object.entries(d.error).map(([what, x]) => `${what} ±${percent(x)}`).join(", ")}: what a second correction of every step changes`}];
   if (d.told > 1e-9) told.push({kind: d.told > 1e-3 ? "care" : "plain", text: `tables ±${percent(d.told)}`, why: "tables between those that were made beforehand, of their largest entry"});
   for (const k of R.links) {
     const most = 1e-6 * maxAbs(k.fields.von_mises || [0]);

@@ -42,7 +42,7 @@ async function answerTo({id, settings}) {
     postMessage({id, part: "stress", rough, ...(rough ? between(stressed, which, n) : stressed), took: took()});
     if (await newer()) return;
   }
-  postMessage({id, part: "error", error: errorOf(once, found.again()), told: toldOf(settings), took: took()});
+  postMessage({id, part: "error", error: errorOf(once, found.again(), track), told: toldOf(settings), took: took()});
 }
 const FIRST_SAMPLES = 50;
 /* Stresses and section forces of links, and forces of joints, at some samples of a run. */
@@ -121,15 +121,25 @@ function jointForces(forces, poses, still, which) {
   }
   return out;
 }
-/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque and deflection. */
-function errorOf(once, twice) {
-  const {nq, nq_rigid} = solver.header.counts, {part} = solver.header;
+/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque,
+deflection, and the platform, of how far it is off the rigid robot. */
+function errorOf(once, twice, track) {
+  const {nq, nq_rigid} = solver.header.counts, {part, outputs} = solver.header, n = solver.t.length;
+  const over = (apart, size) => size > 0 ? Math.max(apart / size / part, 1e-10) : 0;
   const far = (a, b, from, width) => {
     let apart = 0, size = 0;
     for (let i = 0; i < a.length; i++) if (i % width >= from) { apart = Math.max(apart, Math.abs(a[i] - b[i])); size = Math.max(size, Math.abs(b[i])); }
-    return size > 0 ? Math.max(apart / size / part, 1e-10) : 0;
+    return over(apart, size);
   };
-  return {torque: far(once.torque, twice.torque, 0, 1), deflection: far(once.y, twice.y, nq_rigid, nq)};
+  const error = {torque: far(once.torque, twice.torque, 0, 1), deflection: far(once.y, twice.y, nq_rigid, nq)};
+  if (!track) return error;
+  const {recovery} = solver, pose = recovery.placed(recovery.poses(n, twice.y), n, outputs.platform);
+  let apart = 0, size = 0;
+  for (let k = 0; k < n; k++) {
+    apart = Math.max(apart, Math.hypot(...[0, 1, 2].map((r) => pose[12 * k + 4 * r + 3] - track.position[3 * k + r])));
+    size = Math.max(size, track.deviation[k]);
+  }
+  return {...error, platform: over(apart, size)};
 }
 /* Largest error that tables between nodes have, of the sliders that are off theirs. */
 function toldOf(settings) {
