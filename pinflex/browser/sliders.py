@@ -25,7 +25,8 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 3000  # numbers of a slider: a page grows by 10 bytes each
+_MOST = 9000  # numbers of all such sliders: a page grows by five bytes each
+_STEP = 2.0**-36  # of the largest value of an entry: what its polynomial is rounded to
 _BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
@@ -73,7 +74,8 @@ class Change:
     """What a slider does to arrays: entries by array, and values of these at the nodes.
 
     Attributes:
-        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries).
+        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries; a column may have any
+            constant added).
         entries, values: By array. error: Largest one between the nodes, relative to the array.
     """
 
@@ -262,13 +264,21 @@ def changes(
         change = None if slider.acts == "time" else _change(slider, at)
         if change is None:
             works.append(slider)
-        elif change.numbers > _MOST:
-            left[slider.label] = f"its tables would be {change.numbers} numbers"
         elif change.error > _BEYOND:
             left[slider.label] = f"tables between those made are off by {change.error:.1g}"
         elif change.entries:
             works.append(slider)
             done[slider.name] = change
+    room = _MOST
+    for slider in sorted(works, key=lambda x: done[x.name].error if x.name in done else 0.0):
+        change = done.get(slider.name)
+        size = change.numbers if change is not None and change.kind == "polynomial" else 0
+        if size > room:
+            works.remove(slider)
+            del done[slider.name]
+            left[slider.label] = f"the page would grow by {5e-3 * size:.0f} kB more"
+        else:
+            room -= size
     return Changes(tuple(works), done, pattern, left)
 
 
@@ -350,8 +360,11 @@ def _polynomial(slider: Slider, tables: Mapping[float, Tables]) -> Change:
         e = np.flatnonzero(np.ptp(every, axis=0) > _NOTHING * size)
         if not len(e):
             continue
-        entries[name], values[name] = e, every[:, e].ravel()
-        missed = W @ every[:, e] - np.array([x[name][e] for x in wanted])
+        # The page adds differences, which are small: half of their digits are enough.
+        first, step = every[0, e], _STEP * np.abs(every[:, e]).max(axis=0)
+        rounded = np.round((every[:, e] - first) / step) * step
+        entries[name], values[name] = e, rounded.ravel()
+        missed = W @ rounded - (np.array([x[name][e] for x in wanted]) - first)
         error = max(error, _off(missed, 0.0 * missed, every))
     return Change("polynomial", nodes, entries, values, error)
 

@@ -1,4 +1,4 @@
-"""A page that computes, its sliders moved, and what the native kernel and `pf.solve` have instead."""
+"""A page that computes with its sliders moved, and what native runs have in its place."""
 
 from __future__ import annotations
 

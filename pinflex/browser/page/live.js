@@ -1,5 +1,5 @@
 /* live.js: sliders in the page, whose every move is a run of its own (worker.js). */
-const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, took: 0};
+const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, pieces: {}};
 
 function livePanel() {
   const sliders = DATA.live.sliders.map((s) => {
@@ -77,7 +77,7 @@ function hear({data}) {
   if (data.id < live.shown || data.id === undefined) return;
   if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
   live.shown = data.id;
-  live.took = data.took;
+  live.times = {...(data.part === "torque" ? {} : live.times), [data.part]: data.took};
   if (S.run !== DATA.live.run) show(DATA.live.run);   // of several it is this one that sliders change
   live.got = {...(live.got && live.got.id === data.id ? live.got : {}), ...data};
   live[data.part](data);
@@ -94,7 +94,7 @@ live.torque = (d) => {
   $("time").min = R.t[0]; $("time").max = R.t[R.t.length - 1];
   if (S.zoom) S.zoom = null;
   S.t = R.t[0] + share * (R.t[R.t.length - 1] - R.t[0]);
-  drawPlots();
+  soon("plots", drawPlots);
   liveSays("shape …");
 };
 live.shape = (d) => {
@@ -105,7 +105,7 @@ live.shape = (d) => {
   scene.away = {};
   for (const b of scene.links) b.away = {};
   R.largest = Math.max(0, ...R.links.map((k) => maxAbs(k.disp)));
-  drawPath();
+  soon("path", drawPath);
   live.afresh();
   liveSays("stresses …");
 };
@@ -119,9 +119,8 @@ live.stress = (d) => {
     const k = R.links.find((x) => x.name === c.name), f = k && k.fields.von_mises;
     if (f) c.y = Float32Array.from(R.t, (_, i) => { let m = 0; for (let j = i * f.shape[1]; j < (i + 1) * f.shape[1]; j++) m = Math.max(m, f[j]); return 1e-6 * m; });
   }
-  scene.peaks = {};
-  for (const b of scene.links) b.fields = linkFields(b.data, R.t.length);
-  setColours();
+  soon("fields", () => { for (const b of scene.links) b.fields = linkFields(b.data, R.t.length); scene.peaks = {}; });
+  soon("colours", setColours);
   live.afresh();
 };
 live.error = (d) => {
@@ -133,19 +132,37 @@ live.error = (d) => {
     if (k.strength > 0 && most > k.strength) told.unshift({kind: "bad", text: `${k.name} beyond yield`, why: `${digits(most)} MPa, yield ${digits(k.strength)} MPa`});
   }
   R.verdicts = told;
-  showVerdicts();
-  layoutChanged();                                  // labels keep clear of them
-  document.body.classList.remove("computing");
-  liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
-  live.done = d.id;
+  soon("verdicts", () => { showVerdicts(); layoutChanged(); });   // labels keep clear of them
+  soon("done", () => {
+    document.body.classList.remove("computing");
+    liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
+    live.done = d.id;
+  });
 };
 /* What is drawn of the run, again. */
 live.afresh = () => {
-  drawPlots();
-  openTable();
-  openBeam();
-  seek(S.t);
+  soon("plots", drawPlots);
+  soon("table", openTable);
+  soon("beam", openBeam);
+  soon("seek", () => seek(S.t));
 };
+/* Pieces of drawing by name, each once, as many in a frame of the animation as it has time for. */
+const pieces = new Map(), SHARE = 6;                // [ms]
+function soon(name, piece) {
+  if (!pieces.size) requestAnimationFrame(somePieces);
+  pieces.set(name, piece);
+}
+function somePieces() {
+  const until = performance.now() + SHARE;
+  for (const [name, piece] of pieces) {
+    pieces.delete(name);
+    const began = performance.now();
+    piece();
+    (live.pieces[name] = live.pieces[name] || []).push(performance.now() - began);   // for who measures
+    if (performance.now() > until) break;
+  }
+  if (pieces.size) requestAnimationFrame(somePieces);
+}
 function stopLive(why) {
   for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = true;
   liveSays(`This browser plays the run, but cannot compute (${why}).`);
