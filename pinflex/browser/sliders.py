@@ -20,6 +20,7 @@ from pinflex.browser.recipe import TableArrays as Tables
 from pinflex.browser.recipe import pattern_of, widened
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
+from pinflex.levels.modes import default_motion, ringing
 from pinflex.mechanics.mechanism import Mechanism, load
 
 TIMES = "times"  # unit of factors
@@ -30,6 +31,7 @@ _STEP = 2.0**-36  # of the largest value of an entry: what its polynomial is rou
 _BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
+_MOTION = ("time", "motion")  # what needs no tables of its own
 PAYLOAD = "payload"  # name of the block that a payload is written as
 
 
@@ -41,7 +43,7 @@ class Slider:
         name, label, unit: What it is. low, high, value: Range, and where it stands at first.
         keys: Overrides: key, value and power of p. shown: What p is shown times.
         made_by: Overrides that say the same so that tables are straight lines of p; (): `keys`.
-        acts: On "tables", a "section", or "time".
+        acts: On "tables", a "section", "time", or the "motion", which it turns on (1) or off (0).
     """
 
     name: str
@@ -126,7 +128,8 @@ def _times(value: Any, factor: float) -> Any:
 def proposed(mechanism: Mechanism) -> list[Slider]:
     """Sliders that a scene may have, from its YAML."""
     raw = mechanism.description.blocks()
-    return [*_payload(mechanism), *_speed(raw), *_damping(raw), *_gears(raw), *_sections(raw)]
+    moved = [*_speed(raw), *_shaper(mechanism, raw)]
+    return [*_payload(mechanism), *moved, *_damping(raw), *_gears(raw), *_sections(raw)]
 
 
 def _payload(mechanism: Mechanism) -> list[Slider]:
@@ -170,6 +173,30 @@ def _speed(raw: dict[str, Any]) -> list[Slider]:
     if not any(key.startswith("motion.") for key, _, _ in keys):
         return []
     return [Slider("speed", "speed of the move", TIMES, 0.5, 2.0, 1.0, tuple(keys), acts="time")]
+
+
+def _shaper(mechanism: Mechanism, raw: dict[str, Any]) -> list[Slider]:
+    """An input shaper for the mode that a move to a stop excites most, on or off.
+
+    Its frequency is that of the scene as it is written: other sliders leave it, but speed, which
+    stretches it with the move.
+    """
+    block = raw.get("motion")
+    if not isinstance(block, dict) or "shaper" in block:
+        return []
+    motion = default_motion(mechanism)
+    v = motion.evaluate(np.linspace(0.0, motion.duration, 101))[1]
+    if not np.any(v) or np.abs(v[[0, -1]]).max() > 1e-6 * np.abs(v).max():
+        return []  # no move from rest to rest
+    try:
+        found = ringing(mechanism, motion, 1)
+    except PinflexError:
+        return []
+    numbers = {"frequencies": found.frequencies, "damping": found.damping}
+    value: dict[str, Any] = {"kind": "zvd"}
+    value |= {key: [float(f"{x:.4g}") for x in array] for key, array in numbers.items()}
+    keys = (("motion.shaper", value, 0),)
+    return [Slider("shaper", "input shaper", "Hz", 0.0, 1.0, 0.0, keys, acts="motion")]
 
 
 def _damping(raw: dict[str, Any]) -> list[Slider]:
@@ -261,7 +288,7 @@ def changes(
 
     works, done = list[Slider](), dict[str, Change]()
     for slider in usable:
-        change = None if slider.acts == "time" else _change(slider, at)
+        change = None if slider.acts in _MOTION else _change(slider, at)
         if change is None:
             works.append(slider)
         elif change.error > _BEYOND:
@@ -301,7 +328,7 @@ def _ranges(slider: Slider) -> list[Slider]:
 
 def _places(slider: Slider) -> list[float]:
     """Values of a slider at which tables are made."""
-    if slider.acts == "time":
+    if slider.acts in _MOTION:
         return []
     if slider.acts == "section":
         return [*_nodes(slider).tolist(), *_between(_nodes(slider)).tolist()]

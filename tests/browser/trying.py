@@ -51,7 +51,8 @@ def somewhere(browser: Browser, rng: np.random.Generator) -> dict[str, float]:
     ranges = browser.run(
         "return Object.fromEntries(pinflex.live.sliders.map((s) => [s.name, [s.low, s.high]]))"
     )
-    return {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
+    places = {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
+    return places | {name: float(round(x)) for name, x in places.items() if name == "shaper"}
 
 
 def same_steps(mechanism: pf.Mechanism, t: Array) -> pf.Result:

@@ -5,8 +5,12 @@ function livePanel() {
   const sliders = DATA.live.sliders.map((s) => {
     live.settings[s.name] = s.value;
     const output = el("output", {for: "live-" + s.name, class: "live-value"});
-    const input = el("input", {id: "live-" + s.name, type: "range", min: s.low, max: s.high, step: (s.high - s.low) / 200, value: s.value, disabled: true,
-      oninput: (e) => { live.settings[s.name] = +e.target.value; showSlider(s, input, output); ask(); }});
+    const range = s.acts === "motion" ? {type: "checkbox"} : {type: "range", min: s.low, max: s.high, step: (s.high - s.low) / 200, value: s.value};
+    const input = el("input", {id: "live-" + s.name, disabled: true, ...range, oninput: () => {
+      live.settings[s.name] = s.acts === "motion" ? +input.checked : +input.value;
+      for (const row of Object.values(live.rows)) showSlider(row.s, row.input, row.output);
+      ask();
+    }});
     live.rows[s.name] = {s, input, output};
     showSlider(s, input, output);
     return el("div", {class: "live-row"}, el("label", {for: "live-" + s.name}, s.label), output, input);
@@ -29,16 +33,23 @@ function openLive(open) {
   (open ? $("live-close") : $("live-open")).focus({preventScroll: true});
 }
 function showSlider(s, input, output) {
-  const x = s.shown * live.settings[s.name], text = s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
+  const x = s.shown * live.settings[s.name], on = shaperOf(s), text = s.acts === "motion" ? on ? `${on.kind}, ${digits(on.frequencies[0])} ${s.unit}` : "off" : s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
   output.textContent = text;
-  input.setAttribute("aria-valuetext", text);
+  if (s.acts !== "motion") input.setAttribute("aria-valuetext", text);
+}
+/* The shaper of the motion where it is on: the speed of the move stretches it, too. */
+function shaperOf(s) {
+  if (s.acts !== "motion" || live.settings[s.name] < 0.5) return null;
+  const value = s.keys[0][1];
+  return {...value, frequencies: value.frequencies.map((f) => f * (live.settings.speed ?? 1))};
 }
 /* Overrides that make a run of the command line the same. */
 function overrides() {
   const out = [];
   for (const s of DATA.live.sliders) {
-    const p = live.settings[s.name];
-    if (p === s.value) continue;
+    const p = live.settings[s.name], on = shaperOf(s);
+    if (on) out.push(`${s.keys[0][0]}=${JSON.stringify(on)}`);
+    if (p === s.value || s.acts === "motion") continue;
     const times = (x, f) => typeof x === "number" ? x * f : Array.isArray(x) ? x.map((y) => times(y, f)) : x && typeof x === "object" ? Object.fromEntries(Object.entries(x).map(([k, y]) => [k, times(y, f)])) : x;
     for (const [key, value, power] of s.keys) out.push(`${key}=${JSON.stringify(times(value, p ** power))}`);
   }
@@ -58,10 +69,12 @@ async function copyLive() {
 const resetLive = () => moveSliders(Object.fromEntries(DATA.live.sliders.map((s) => [s.name, s.value])));
 function moveSliders(settings) {
   for (const [name, value] of Object.entries(settings)) {
-    const {s, input, output} = live.rows[name];
-    live.settings[name] = value; input.value = value;
-    showSlider(s, input, output);
+    const {s, input} = live.rows[name];
+    live.settings[name] = value;
+    if (s.acts === "motion") input.checked = value >= 0.5;
+    else input.value = value;
   }
+  for (const {s, input, output} of Object.values(live.rows)) showSlider(s, input, output);
   ask();
 }
 const liveSays = (text) => { $("live-status").textContent = text; };
@@ -98,6 +111,7 @@ live.torque = (d) => {
   liveSays("shape …");
 };
 live.shape = (d) => {
+  if (d.rigid) movedRigid(d.rigid);
   for (const k of R.links) { const x = d.links[k.name]; for (const name of ["disp", "y_disp", "y_rigid"]) k[name] = Object.assign(x[name], {shape: k[name].shape}); }
   for (const b of R.bodies) if (d.bodies[b.name] && b.disp) b.disp = Object.assign(d.bodies[b.name], {shape: b.disp.shape});
   if (d.track && R.track) Object.assign(R.track, {disp: Object.assign(d.track.disp, {shape: R.track.disp.shape}), deviation: d.track.deviation, angle: d.track.angle});
@@ -109,6 +123,17 @@ live.shape = (d) => {
   live.afresh();
   liveSays("stresses …");
 };
+/* The rigid robot that deflections are drawn from, where the motion is another one. */
+function movedRigid(rigid) {
+  for (const k of R.links) {
+    const [n, m] = k.rigid.shape, line = rigid.links[k.name], all = line.length / (3 * n);
+    for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) k.rigid.set(line.subarray(3 * (i * all + (m === 2 && j ? all - 1 : j)), 3 * (i * all + (m === 2 && j ? all - 1 : j)) + 3), 3 * (i * m + j));
+  }
+  const put = (to, from) => { if (to && from && to.length === from.length) to.set(from); };
+  for (const b of R.bodies) put(b.rigid, rigid.bodies[b.name]);
+  for (const f of R.forces) put(f.rigid, rigid.joints[f.name]);
+  if (R.track) put(R.track.rigid, rigid.track);
+}
 live.stress = (d) => {
   for (const k of R.links) {
     for (const key of Object.keys(k.fields)) if (d.fields[k.name][key]) k.fields[key] = Object.assign(d.fields[k.name][key], {shape: k.fields[key].shape});
