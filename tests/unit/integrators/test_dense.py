@@ -19,9 +19,7 @@ import pinflex as pf
 def test_samples_between_steps_do_not_cut_them(level: str) -> None:
     """61 instants at steps, 601 of which nine in ten lie between: the same 60 steps."""
     robot = pf.load("delta")  # whose joints are all angles
-    few, many = (
-        pf.solve(robot, level=level, dt=1e-3, until=0.06, samples=n) for n in (61, 601)
-    )
+    few, many = (pf.solve(robot, level=level, dt=1e-3, until=0.06, samples=n) for n in (61, 601))
     steps = 60 + (level == "ked")  # which counts its start
     assert few.meta["cost"]["steps"] == many.meta["cost"]["steps"] == steps
     for key in ("eta", "joint/v", "torque", "multiplier"):
