@@ -109,7 +109,7 @@ def _weights() -> Array:
     return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
 
 
-# A table of a motion in half of its numbers: accelerations at the nodes, and the start of each piece.
+# A table of a motion in half of its numbers: accelerations at nodes, and the start of each piece.
 
 _DIGITS = 2.0**-33  # of the largest acceleration: it has been differenced, and has no more
 _AGAIN = 1e-9  # of the largest value: what a table that is made again may be off by

@@ -149,20 +149,8 @@ _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
 # another record, may be a term that the kernel lacks.
 SYSTEM = frozenset(
-    [
-        "rigid",
-        "expansion",
-        "closed",
-        "K",
-        "D",
-        "springs",
-        "motors",
-        "loads",
-        "held",
-        "friction",
-        "added",
-        "kinks",
-    ]
+    ("rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held", "friction")
+    + ("added", "kinks")
 )
 KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
