@@ -148,9 +148,10 @@ _PREFIX = "JointModel"
 _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
 # another record, may be a term that the kernel lacks.
-SYSTEM = frozenset(
-    "rigid expansion closed K D springs motors loads held friction added kinks".split()
-)
+SYSTEM = frozenset((
+    "rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held", "friction",
+    "added", "kinks",
+))  # fmt: skip
 KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
     for record, names in (
