@@ -113,6 +113,7 @@ class Corrector:
 # seven points, 1 / s and 1 / s (s + 1).
 _BY_V, _BY_Y = 1.0 / 7.0, 1.0 / 50.0
 _BLOCKS = 13  # of neighbours that share matrices: one correction more is cheaper than new ones
+_NEIGHBOURS = 8  # in a block, where there are few samples: matrices cost as much as 8 corrections
 _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
@@ -150,7 +151,8 @@ class Inside:
         if self.pull is not None:
             pull[:, run.system.motors] = self.pull(at)
         a, lam = run.a.copy(), run.lam.copy()
-        for block in np.array_split(np.arange(len(some)), min(_BLOCKS, len(some))):
+        blocks = min(_BLOCKS, -(-len(some) // _NEIGHBOURS))
+        for block in np.array_split(np.arange(len(some)), blocks):
             if not self._solve(dynamics, at, pull, block):
                 return run
         a[some], lam[some] = at.a, at.lam

@@ -78,7 +78,7 @@ def state_at(
     v, a = np.concatenate([v, none]), np.concatenate([a, none])
     where = f"{mechanism.name}: modes about {about}"
     free = mechanism.flexible.free
-    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
+    links = FrozenLinks(dynamics, mechanism, free)
     found = balance(dynamics, mechanism.undeformed(q), v, a, free, t, None, where, links=links)
     return Moving(found.y, found.v, found.a, found.lam, t, about)
 

@@ -347,7 +347,7 @@ class _Quasistatic:
         self._name, self._t, self.path = mechanism.name, t, nominal(mechanism, motion, t)
         system = self.system = mechanism.standing
         self.dynamics, n, m = Equations(system), len(t), int(system.rigid.nv)
-        self.links = FrozenLinks(self.dynamics, mechanism.rigid.free, system.free)
+        self.links = FrozenLinks(self.dynamics, mechanism, system.free)
         self.y, self.lam = np.empty((n, system.nq)), np.empty((n, system.closed.n))
         self.v, self.a = np.zeros((n, system.nv)), np.zeros((n, system.nv))
         self.v[:, :m], self.a[:, :m] = self.path.v, self.path.a

@@ -171,7 +171,7 @@ def _static_start(
     a, t, links = np.zeros(system.nv), float(path.t[0]), None
     if np.any(v) and mechanism.report.mobility == len(system.motors):
         a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
-        links = FrozenLinks(at, mechanism.rigid.free, free)
+        links = FrozenLinks(at, mechanism, free)
     where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
     try:
         patience = _PATIENCE if auto else np.inf

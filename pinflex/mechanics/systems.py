@@ -297,12 +297,8 @@ def flexible_system(
     expansion: Expansion,
     parts: Mapping[str, FlexiblePart],
     assembled: Assembled,
-    passing: bool = False,
 ) -> tuple[System, LoopReport]:
-    """The system in which links bend and elastic joints give way, and its closure rows.
-
-    `passing`: it is looked at alone; tables for the compiled kernel would cost more than they save.
-    """
+    """The system in which links bend and elastic joints give way, and its closure rows."""
     rigid, home, idle = assembled.system, assembled.home, assembled.idle
     n, m = int(rigid.rigid.nv), expansion.n_eta
     K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))
@@ -332,8 +328,8 @@ def flexible_system(
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
-        y, equations = np.concatenate([home, np.zeros(m)]), Equations(system)
-        J = equations.reference.close(y[None]).J[0] if passing else equations.close(y).J
+        # By the reference: once, where tables for the compiled kernel cost more than they save.
+        J = Equations(system).reference.close(np.concatenate([home, np.zeros(m)])[None]).J[0]
     kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
     spun = len(idle.spins)
     own = spun + len(coupled)

@@ -319,11 +319,7 @@ class Samples:
         return None if self._rigid_path is None else self._rigid_path()
 
     def interface_load(self, interface: Interface) -> tuple[Array, Array]:
-        """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
-
-        Returns:
-            In the beam frame.
-        """
+        """Force (N) and moment (N m), (nt, 3) each in the beam frame, that an interface bears."""
         joint = interface.bottom(self.run.system.expansion.model)
         f = self.forces.f[joint]
         return f[:, :3], f[:, 3:]

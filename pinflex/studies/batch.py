@@ -199,9 +199,6 @@ def answers(
     """Number and answer (or `Lost`) of every item, in the order in which they are ready.
 
     `pickles`: whether work and items may travel; else threads do what copies cannot.
-
-    Raises:
-        DescriptionError: No scheduler at that address, or Dask is not installed.
     """
     warn_if_missing()  # here: where the work is done, warnings are ignored
     if scheduler is not None:

@@ -351,14 +351,7 @@ def study(
     motion: Motion | None = None,
     tol: float = TOL,
 ) -> Study:
-    """Solve a scene at several levels and compare; a level that fails does not stop the others.
-
-    Returns:
-        The study.
-
-    Raises:
-        DescriptionError: An unknown level, nothing flexible, or input that no level can take.
-    """
+    """Solve a scene at several levels and compare; a level that fails does not stop the others."""
     if not mechanism.compliant:
         raise DescriptionError(
             f"{mechanism.name}: nothing is flexible, no link and no joint, so there is nothing to "

@@ -87,9 +87,12 @@ class Followed:
         del found[most:]
 
 
-def share(one: Mechanism, other: Mechanism) -> None:
-    """Let a mechanism have the rigid motions of another one of the same file, where they agree."""
-    if _move_alike(one, other):
+def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
+    """Let a mechanism have the rigid motions of another one of the same file, where they agree.
+
+    `alike`: they are known to, for masses and springs alone are others.
+    """
+    if alike or _move_alike(one, other):
         known = one.followed
         vars(other)["followed"] = Followed(known.motions, [], known.solved, known.paths)
 
