@@ -497,9 +497,7 @@ class _Loading:
             names, rigid.report, made.report, rigid.idle, self.own, self,
         )  # fmt: skip
 
-    def systems(
-        self, parts: Mapping[str, FlexiblePart], like: _Systems | None
-    ) -> _Systems:
+    def systems(self, parts: Mapping[str, FlexiblePart], like: _Systems | None) -> _Systems:
         """The systems of parts: those of a model like this one, where its parts are the same."""
         if like is not None and _made_alike(parts, like.parts):
             return replace(like, parts=parts)
