@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.family import (
-    BENDING,
-    Family,
-    quadrature,
-)
-from pinflex.description.blocks.flexible import BEAM_BASES, BOUNDARIES, ORDERS
+from pinflex.bodies.family import BENDING, BOUNDARIES, ORDERS, Family, quadrature
 from pinflex.errors import DescriptionError, nearest
 
 if TYPE_CHECKING:
@@ -235,7 +230,7 @@ def _require_basis(link: FlexibleLink) -> None:
     """Known words, and shear only in functions that have it."""
     basis = link.basis
     for key, name, known in (
-        ("kind", basis.kind, BEAM_BASES),
+        ("kind", basis.kind, ("craig_bampton", "finite_element", "assumed", "ritz8")),
         ("order", basis.order, ORDERS),
         ("boundary", basis.boundary, BOUNDARIES),
     ):

@@ -178,6 +178,7 @@ _COMPANIONS = {
     "cubic": {"v": "cubic", "w": "cubic", "p": "linear", "u": "linear"},
     "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
 }
+ORDERS = tuple(_COMPANIONS)
 # Shape functions of an element of unit length in powers of xi = x / l: one row per coordinate,
 # (value, slope, curvature) at xi = 0, then at xi = 1. Scenes 1.1: n1..n6, n7..n10, (1 - e, e).
 _HERMITE = {

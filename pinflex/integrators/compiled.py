@@ -13,14 +13,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
-from pinflex.kernel.march import (
-    Marched,
-    MarchKernel,
-    Rows,
-    Scheme,
-    StageKernel,
-    Table,
-)
+from pinflex.kernel.march import Marched, MarchKernel, Rows, Scheme, StageKernel, Table
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.model.system import System
 

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 
 _AXES = "xyz"
-ACROSS = (1, 2, 5)  # v, w and the twist, of the rows of a section: what a sleeve holds
 LENGTHS = 1e-12  # [m] below which a length is none
 _NOWHERE = Attachment(0, pin.SE3.Identity())
 

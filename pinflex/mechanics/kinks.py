@@ -235,11 +235,6 @@ def table(points: Sequence[tuple[float, float]], damper: float = 0.0) -> tuple[P
     return tuple(pieces)
 
 
-def pull_only(stiffness: float, damper: float) -> tuple[Piece, ...]:
-    """A cable: nothing while it is slack."""
-    return Piece(FROM, 0.0, 0.0, 0.0), Piece(0.0, 0.0, 0.0, stiffness, 1.0, damper)
-
-
 def kinks(description: Description, model: pin.Model, expansion: Expansion | None) -> Kinks:
     """Laws of pieces of a description; `expansion`: with gears that give way."""
     rows = []
@@ -278,7 +273,10 @@ def spring_law(spring: FrameSpring) -> tuple[Piece, ...]:
     """The pieces of a spring between frames; none of one that is straight."""
     if spring.table:
         return table(spring.table, spring.damper)
-    return pull_only(spring.stiffness, spring.damper) if spring.tension_only else ()
+    if not spring.tension_only:
+        return ()
+    slack, taut = (0.0, 0.0, 0.0), (0.0, 0.0, spring.stiffness, 1.0, spring.damper)
+    return Piece(FROM, *slack), Piece(*taut)
 
 
 # Joints with clearance: loops that are held by contact, at level coupled.
@@ -331,7 +329,10 @@ def with_clearance(system: System, loops: Sequence[Loop]) -> System:
         if name not in cut:
             continue
         loop, ends = cut[name], (k, len(closed.names) + k)
-        a, b = (_attachment(int(closed.bodies[i]), closed.local[i]) for i in ends)
+        a, b = (
+            Attachment(int(closed.bodies[i]), pin.SE3(pose[:, :3].copy(), pose[:, 3].copy()))
+            for i, pose in zip(ends, closed.local[list(ends)], strict=True)
+        )
         kept[_let_go(system, k, loop)] = False
         for touch in _touches(loop, a, b):
             touches.append(touch._replace(law=len(rows)))
@@ -432,7 +433,3 @@ def _seen(one: Touch, places: dict[int, tuple[Array, Array]]) -> tuple[Array, Ar
     way = speed[1] - speed[0] - np.cross(spin[0], d)
     seen = [(x[:, None] @ R)[:, 0] for x in (d, way, spin[1] - spin[0])]
     return R, np.concatenate(seen, axis=1), point[1]
-
-
-def _attachment(joint: int, pose: Array) -> Attachment:
-    return Attachment(joint, pin.SE3(np.array(pose[:, :3]), np.array(pose[:, 3])))

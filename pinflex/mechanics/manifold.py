@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 #
 # A pose is the three axes of the joint, one after the other, and then its origin, in the world [m].
 
+ACROSS = (1, 2, 5)  # v, w and the twist, of the rows of a section: what a sleeve holds
 # p @ SKEW gives the 3x3 matrix of p x (.) for every row of p.
 SKEW = np.array(
     [

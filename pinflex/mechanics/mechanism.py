@@ -453,7 +453,8 @@ class _Loading:
         """`like`: another one, whose model, links and rigid system serve where they are equal."""
         self.description, self.own = description, own
         self.gravity = np.array(description.gravity, float)
-        self.needed = _needed_frames(description)
+        named = (*description.tied, *description.loaded, *description.reported)
+        self.needed = frozenset(named)
         self.geared = frozenset(elastic(description.joints))
         self.assembled: Assembled | None = None
         self.first: _Systems | None = None
@@ -606,7 +607,3 @@ def _size(spec: FlexibleLink) -> int:
     basis = spec.basis
     most = {"craig_bampton": basis.internal + 2, "finite_element": 2 * basis.elements}
     return 4 * spec.segments * most.get(basis.kind, basis.modes)
-
-
-def _needed_frames(description: Description) -> frozenset[str]:
-    return frozenset((*description.tied, *description.loaded, *description.reported))

@@ -62,18 +62,14 @@ def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
     return np.sort(rows[picked]).astype(np.intp)
 
 
-def _base_rows(base: str) -> IntArray:
-    """Velocity rows of a free base."""
-    return np.arange(6 if base == "free_flyer" else 0, dtype=np.intp)
-
-
 def idle_of(system: System, description: Description, home: Array) -> Idle:
     """The idle freedoms at home, a free base among them."""
     if description.idle == "free":
         return Idle()
     # A loop to the ground determines the base as it does any other body.
     stands = any(loop.grounded for loop in description.loops)
-    base = _base_rows("fixed" if stands else description.base)
+    floats = description.base == "free_flyer" and not stands
+    base = np.arange(6 if floats else 0, dtype=np.intp)  # velocity rows of a free one
     locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:

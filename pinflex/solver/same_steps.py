@@ -55,7 +55,9 @@ class SameSteps:
         self.grid = np.linspace(0.0, self.marks[-1], scene.spec.samples or SAMPLES)
         self.ends = np.zeros(0)
         if self.marched:
-            self.ends = self._paced(scene, resolution)
+            with one_blas_thread():
+                steps = replace(scene, spec=replace(scene.spec, dt=None))
+                self.ends = steps.paced(self.grid, resolution)
         elif self.linear:
             dt = scene.spec.dt or default_step(mechanism, float(self.marks[-1]))
             count = max(len(self.grid) - 1, int(np.ceil(self.marks[-1] / dt - 1e-9)))
@@ -118,12 +120,6 @@ class SameSteps:
             run = replace(scene, spec=spec).stepped(grid, float(marks[-1]))
             return run.at(np.argmin(np.abs(grid[:, None] - t), axis=0))
         return replace(scene, spec=replace(scene.spec, dt=None)).along(t, ends)
-
-    def _paced(self, scene: Scene, resolution: float) -> Array:
-        """Ends of the steps that a run chooses."""
-        steps = replace(scene, spec=replace(scene.spec, dt=None))
-        with one_blas_thread():
-            return steps.paced(self.grid, resolution)
 
 
 def _marks(scene: Scene) -> Array:

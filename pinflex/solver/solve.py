@@ -149,7 +149,9 @@ def solve_level(
                 spec = _sampled(mechanism, spec, acting, dt)
             before = None if resume is None else _before(mechanism, resume, spec, acting)
             scene = Scene(mechanism, motion, spec, acting, tolerance, before)
-            struck = _struck(mechanism, motion, end) if _prescribes(spec) else []
+            # Links have momenta that a motion of the motors changes.
+            led = spec.level in ("ked", "coupled") and spec.drive == "prescribed"
+            struck = _struck(mechanism, motion, end) if led else []
             run = _run(scene, end, progress)
             run = replace(run, warnings=(*run.warnings, *struck))
         except (ConvergenceError, MotionError, RunInterrupted) as error:
@@ -175,11 +177,6 @@ def _struck(mechanism: Mechanism, motion: Motion, end: float) -> list[str]:
             return words
     Followed.keep(kept, (motion, end, blows(motion, end)), 1)
     return _struck(mechanism, motion, end)
-
-
-def _prescribes(spec: SolveSpec) -> bool:
-    """Whether links have momenta that a motion of the motors changes."""
-    return spec.level in ("ked", "coupled") and spec.drive == "prescribed"
 
 
 def _require_finite(mechanism: Mechanism, run: Run) -> None:

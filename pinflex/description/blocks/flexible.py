@@ -180,7 +180,6 @@ BASES: dict[str, tuple[str, ...]] = {
     "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
     "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
 }
-BEAM_BASES = tuple(kind for kind in BASES if kind not in material.KINDS)
 INERTIAS = ("urdf", "beam")
 ORDERS = ("cubic", "quintic")
 STRETCHES = ("sines", "polynomials")

@@ -96,11 +96,6 @@ class Kinematics(NamedTuple):
     dJ: Array
 
 
-def on_kernel(system: System) -> Compiled | None:
-    """The compiled equations of a system; None: those of numpy and Pinocchio serve."""
-    return Compiled(system) if serves(system) else None
-
-
 def serves(system: System, marched: bool = False) -> bool:
     """Whether the compiled kernel evaluates a system.
 

@@ -213,7 +213,9 @@ class _Assembler:
             if x <= 0 and not body.root_moves:
                 here = root
             else:
-                interfaces.append(self._interface(body, root, slot_number, x))
+                Phi, G = body.rows(x)
+                place = np.array([x, 0.0, 0.0])
+                interfaces.append(self._node(root, slot_number, place, Phi, G))
                 here = interfaces[-1].attachment
             for rider in section.riders:
                 apart = pin.SE3(np.eye(3), np.array([rider.x - offset - x, 0.0, 0.0]))
@@ -282,10 +284,6 @@ class _Assembler:
             tensor = np.diag([float(inertia), 0.0, 0.0])
             self._inertia(joint, pin.Inertia(0.0, np.zeros(3), tensor))
         return rows
-
-    def _interface(self, body: FlexibleBody, root: Attachment, slot: int, x: float) -> Interface:
-        Phi, G = body.rows(x)
-        return self._node(root, slot, np.array([x, 0.0, 0.0]), Phi, G)
 
     def _node(
         self, root: Attachment, slot: int, place: Array, Phi: Array, G: Array | None

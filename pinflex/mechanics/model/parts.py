@@ -353,10 +353,7 @@ def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
 def _solid_part(
     description: Description, spec: FlexibleLink, placement: pin.SE3, length: float, where: str
 ) -> FlexiblePart:
-    from pinflex.bodies.solid_link import (  # late: few links are solids
-        equivalent_section,
-        solid_body,
-    )
+    from pinflex.bodies.solid_link import equivalent_section, solid_body
 
     folder = Path() if description.path is None else description.path.parent
     if spec.material.rho is None and spec.basis.kind == "mesh":

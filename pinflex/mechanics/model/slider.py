@@ -37,7 +37,7 @@ import pinocchio as pin
 
 from pinflex.bodies.track import Sections, Track, track
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.closure import ACROSS
+from pinflex.mechanics.manifold import ACROSS
 from pinflex.text import brief
 
 if TYPE_CHECKING:

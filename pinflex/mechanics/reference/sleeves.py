@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.closure import ACROSS
+from pinflex.mechanics.manifold import ACROSS
 
 if TYPE_CHECKING:
     from pinflex.bodies.track import Track

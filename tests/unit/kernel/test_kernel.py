@@ -43,7 +43,7 @@ from pinflex.kernel import build, library
 from pinflex.kernel.evaluate import Evaluator, Tables
 from pinflex.kernel.library import kernel
 from pinflex.mechanics.closure import Closures, closures
-from pinflex.mechanics.evaluation.compiled import Compiled, evaluated_by, on_kernel
+from pinflex.mechanics.evaluation.compiled import Compiled, evaluated_by, serves
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, closure_motion, frame_poses
 from pinflex.mechanics.evaluation.kernel_tables import KNOWN, SYSTEM, uncovered
@@ -286,7 +286,7 @@ def test_and_where_joints_follow_others_beside_loops(seed: int) -> None:
     coupled += [Coupling(single[-1], None, 0.0, 0.3)] if single else []
     closed = closures(loops, on.frames, on.model, couplings=coupled)
     system = dataclasses.replace(m.flexible, closed=closed)
-    assert len(closed.coupled.rows) == len(coupled) and on_kernel(system) is not None
+    assert len(closed.coupled.rows) == len(coupled) and serves(system)
     agrees(system, m.undeformed(), STATES, seed)
 
 
@@ -418,7 +418,7 @@ def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.Monkey
 def test_the_kernel_is_switched_off_by_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PINFLEX_KERNEL", "0")
     m = pf.load("3rrr")
-    assert on_kernel(m.flexible) is None
+    assert not serves(m.flexible)
     assert m.evaluated_by == "numpy and Pinocchio (kernel: switched off by PINFLEX_KERNEL=0)"
     with pytest.raises(PinflexError, match="switched off"):
         Evaluator(m.flexible.tables)
