@@ -316,7 +316,7 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     if motion.target == "joints":
         return MotorPath(t, *joint_path(mechanism, motion, t))
     curve, fine = _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))
-    return curve(t) if fine else MotorPath(t, *_at_nodes(mechanism, motion, t))
+    return curve(t) if fine else MotorPath(t, *motors_along(mechanism, motion, t))
 
 
 def path_between(
@@ -346,7 +346,7 @@ def _interpolated(
     nodes = 65
     while nodes < most:
         grid, inside, old = _nodes(motion, start, end, 2 * nodes - 1)
-        x, v, a = _at_nodes(mechanism, motion, inside)
+        x, v, a = motors_along(mechanism, motion, inside)
         rest = (grid - inside)[:, None]
         values = x + rest * (v + 0.5 * rest * a), v + rest * a, a
         coarse = _hermite(grid[old], [x[old] for x in values])
@@ -355,7 +355,7 @@ def _interpolated(
         if error / 64.0 < _FINE:
             return Quintics(grid, _hermite(grid, list(values))), True
         nodes = 2 * nodes - 1
-    return _path(lambda t: _at_nodes(mechanism, motion, t)), False
+    return _path(lambda t: motors_along(mechanism, motion, t)), False
 
 
 def _nodes(motion: Motion, start: float, end: float, count: int) -> tuple[Array, Array, BoolArray]:
@@ -384,9 +384,10 @@ def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Arr
     return lambda t: MotorPath(t, *curve(t))
 
 
-def _at_nodes(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
+def motors_along(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
+    """Positions, velocities, accelerations of the motors on the nominal motion, each (nt, nm)."""
     path, axes = nominal(mechanism, motion, t), motor_axes(mechanism)
-    position = np.array([axes.read(q) for q in path.q])
+    position = axes.read(path.q)
     if len(axes.paired):
         position = np.unwrap(position, axis=0)
     return position, path.v[:, axes.v_at], path.a[:, axes.v_at]

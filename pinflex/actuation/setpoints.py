@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.drive import nominal
-from pinflex.actuation.path import joint_curve, motor_axes
+from pinflex.actuation.drive import motors_along
+from pinflex.actuation.path import joint_curve
 from pinflex.arrays import Array
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
 
 MOST = 1_000_000  # rows of a table
+Curve = Callable[[Array], tuple[Array, Array, Array]]  # positions and rates at times
 INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
 _BETWEEN = np.arange(1, 17) / 16  # of an interval: where it is looked at; its end is that of a hold
 _NO_TICK = 1e-9  # of an interval: round-off of its end
@@ -166,15 +168,16 @@ def ticks(duration: float, rate: float) -> Array:
 def setpoints(motion: Motion, rate: float, robot: Mechanism | None = None) -> Setpoints:
     """Rows of a motion at a rate [Hz]; with a robot those of all its motors."""
     t = ticks(motion.duration, rate)
-    names, units, absolute, curve = motion.names, _units(motion, robot), motion.absolute, None
+    names, units, absolute = motion.names, _units(motion, robot), motion.absolute
+    curve: Curve = motion.evaluate
     if robot is not None:
         names, absolute = robot.description.actuated, True
-        curve = joint_curve(robot, motion) if motion.target == "joints" else _motors(robot, motion)
-    p, v, a = (curve or motion.evaluate)(t)
-    return Setpoints(names, units, t, p, v, a, absolute, missed(curve or motion.evaluate, t))
+        along = partial(motors_along, robot, motion)
+        curve = joint_curve(robot, motion) if motion.target == "joints" else along
+    return Setpoints(names, units, t, *curve(t), absolute, missed(curve, t))
 
 
-def missed(curve: Any, t: Array) -> dict[str, Array]:
+def missed(curve: Curve, t: Array) -> dict[str, Array]:
     """Largest distance of each interpolation from a curve between times t, by its name."""
     rows = curve(t)
     worst = {word: np.zeros(rows[0].shape[1]) for word in INTERPOLATIONS}
@@ -193,20 +196,6 @@ def missed(curve: Any, t: Array) -> dict[str, Array]:
 
 def _off(truth: Array, made: Array) -> Array:
     return np.asarray(np.abs(truth - made).max(axis=(0, 1)))
-
-
-def _motors(robot: Mechanism, motion: Motion) -> Any:
-    """The motors of a motion of the platform, by inverse kinematics of the rigid mechanism."""
-    axes = motor_axes(robot)
-
-    def curve(t: Array) -> tuple[Array, Array, Array]:
-        path = nominal(robot, motion, t)
-        position = axes.read(path.q)
-        if len(axes.paired):
-            position = np.unwrap(position, axis=0)
-        return position, path.v[:, axes.v_at], path.a[:, axes.v_at]
-
-    return curve
 
 
 def _units(motion: Motion, robot: Mechanism | None) -> tuple[str, ...]:

@@ -258,15 +258,15 @@ class FlexibleBody:
     xt: Array
     It: Array
     Phi_t: Array
-    G_t: Array | None
-    rotary: bool
-    inertia: Array | None
-    Phi_r: Array | None
-    G_r: Array | None
     K: Array
     M: Array
     D: Array
-    root_moves: bool
+    G_t: Array | None = None
+    rotary: bool = False
+    inertia: Array | None = None
+    Phi_r: Array | None = None
+    G_r: Array | None = None
+    root_moves: bool = False
     solid: Superelement | None = None
     curvature: Curvature | None = None
     rest: Array | None = None

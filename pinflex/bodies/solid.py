@@ -62,19 +62,23 @@ def scikit_fem(where: str) -> Any:
     return skfem
 
 
+def existing(path: Path, where: str, advice: str = "") -> Path:
+    """The path, if there is a file of a size that can be meant."""
+    if not path.is_file():
+        beside = [p.name for p in sorted(path.parent.glob("*.*"))] if path.parent.is_dir() else []
+        hint = nearest(path.name, beside)
+        raise DescriptionError(f"{where}: {path.name}: no such file.{hint}{advice}")
+    require_regular(path, MOST_DATA, f"{where}: {path.name}")
+    return path
+
+
 def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str) -> Mesh:
     """Read a mesh of tetrahedra or hexahedra, linear or quadratic, from any format of meshio."""
     skfem = scikit_fem(where)
     import meshio
     from skfem.io.meshio import from_meshio
 
-    if not path.is_file():
-        beside = [p.name for p in sorted(path.parent.glob("*.*"))] if path.parent.is_dir() else []
-        raise DescriptionError(
-            f"{where}.file: {path.name}: no such file.{nearest(path.name, beside)} "
-            "Give it relative to the YAML."
-        )
-    require_regular(path, MOST_DATA, f"{where}.file: {path.name}")
+    existing(path, f"{where}.file", " Give it relative to the YAML.")
     try:
         data = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio raises what its many readers raise

@@ -17,7 +17,6 @@ from pinflex.bodies.solid import Region, Solid, of_matrices, of_mesh
 from pinflex.bodies.superelement import reduce
 from pinflex.description.blocks.flexible import Basis, FlexibleLink
 from pinflex.description.blocks.material import Material
-from pinflex.description.files import MOST_DATA, require_regular
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, nearest
 
@@ -148,7 +147,7 @@ def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
         if name:
             found[key] = _market(folder / name, f"{where}.{key}")
     if basis.nodes:
-        path = _existing(folder / basis.nodes, f"{where}.nodes")
+        path = mesh.existing(folder / basis.nodes, f"{where}.nodes")
         try:
             found["nodes"] = np.loadtxt(path, delimiter="," if path.suffix == ".csv" else None)
         except ValueError as error:
@@ -187,19 +186,11 @@ def _node_set(found: Mapping[str, Any], nodes: Array, region: Region, where: str
     return mesh.require_area(nodes, numbers, where)
 
 
-def _existing(path: Path, where: str) -> Path:
-    if not path.is_file():
-        beside = [p.name for p in sorted(path.parent.glob("*.*"))] if path.parent.is_dir() else []
-        raise DescriptionError(f"{where}: {path.name}: no such file.{nearest(path.name, beside)}")
-    require_regular(path, MOST_DATA, f"{where}: {path.name}")
-    return path
-
-
 def _npz(path: Path, where: str) -> dict[str, Any]:
     """Arrays of a .npz; a sparse matrix A may stand as A_data, A_indices, A_indptr (CSC)."""
     from scipy.sparse import csc_array
 
-    path = _existing(path, f"{where}.file")
+    path = mesh.existing(path, f"{where}.file")
     try:
         with np.load(path, allow_pickle=False) as data:
             found: dict[str, Any] = {key: data[key] for key in data.files}
@@ -217,7 +208,7 @@ def _npz(path: Path, where: str) -> dict[str, Any]:
 def _market(path: Path, where: str) -> Any:
     from scipy.io import mmread
 
-    path = _existing(path, where)
+    path = mesh.existing(path, where)
     try:
         return mmread(path)
     except (ValueError, OSError, TypeError) as error:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,6 @@ from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
-
-if TYPE_CHECKING:
-    from pinflex.bodies.solid import Solid
-
 
 # The inertia of a deforming solid as a few mass points, and its motion at sections.
 #
@@ -352,15 +348,9 @@ def reduce(
         xt=none,
         It=none,
         Phi_t=np.zeros((0, n)),
-        G_t=None,
-        rotary=False,
-        inertia=None,
-        Phi_r=None,
-        G_r=None,
         K=K,
         M=M,
         D=D,
-        root_moves=False,
         solid=extra,
     )
 

@@ -59,23 +59,24 @@ def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
     movable = tuple(name for name, kind in types.items() if HOME_SIZES[kind])
     for name, item in schema.mapping(value, where).items():
         place = schema.at(where, name)
-        schema.known(name, place, movable, "moving joint")
-        sizes = HOME_SIZES[types[name]]
+        kind = types[schema.known(name, place, movable, "moving joint")]
+        sizes = HOME_SIZES[kind]
         if sizes == (1,):
-            home[name] = schema.number(item, place, of=schema.quantity(types[name]))
+            home[name] = schema.number(item, place, of=schema.quantity(kind))
             continue
         if not isinstance(item, list) or len(item) not in sizes:
             raise DescriptionError(
-                f"{place}: {schema.shown(item)} does not fit a {types[name]} joint, which takes a "
-                f"list of {' or '.join(map(str, sizes))} numbers. Correct it."
+                f"{place}: {schema.shown(item)} does not fit a {kind} joint, which takes a list of "
+                f"{' or '.join(map(str, sizes))} numbers. Correct it."
             )
-        lengths = len(item) if types[name] in ("planar", "floating") else 0
-        lengths = {3: 2, 6: 3, 7: 3}.get(lengths, 0)
-        of = [*["place"] * lengths, *["angle"] * (len(item) - lengths)]
-        values = tuple(schema.number(v, f"{place}[{i}]", of=of[i]) for i, v in enumerate(item))
-        if types[name] == "universal":
+        lengths = {"planar": 2, "floating": 3}.get(kind, 0)
+        values = tuple(
+            schema.number(v, f"{place}[{i}]", of="place" if i < lengths else "angle")
+            for i, v in enumerate(item)
+        )
+        if kind == "universal":
             home |= {f"{name}.{axis + 1}": angle for axis, angle in enumerate(values)}
-        elif types[name] == "planar":
+        elif kind == "planar":
             home[name] = (*values[:2], math.cos(values[2]), math.sin(values[2]))
         elif len(item) in (3, 6):
             home[name] = (*values[:-3], *quaternion(np.array(values[-3:])).tolist())

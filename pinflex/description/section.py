@@ -287,6 +287,16 @@ class Shape:
     shear: Callable[[Section, float, float], tuple[float, float]] | None = None
     optional: tuple[str, ...] = ("ky", "kz", "J")
 
+    @property
+    def table(self) -> schema.Table:
+        """The keys of the block."""
+        word = schema.bare({"const": self.name}, required=True)
+        numbers = {key: schema.real(schema.REQUIRED, of, above=0) for key, of in self.keys.items()}
+        more = {key: schema.real(None, _QUANTITIES[key], above=0)
+                for key in self.optional if key != "fibres"}  # fmt: skip
+        fibres = schema.key(None, _fibres, form=schema.LIST)
+        return {"shape": word} | numbers | {key: more.get(key, fibres) for key in self.optional}
+
 
 def _of(*keys: str) -> dict[str, str]:
     return {key: _QUANTITIES[key] for key in keys}
@@ -326,12 +336,7 @@ def register_shape(shape: Shape) -> None:
 
 def form() -> schema.Form:
     """What a section looks like, as JSON Schema says it."""
-    forms = []
-    for shape in SHAPES.values():
-        table = {"shape": schema.bare({"const": shape.name}, required=True)}
-        table |= {key: schema.real(schema.REQUIRED, of, above=0) for key, of in shape.keys.items()}
-        forms.append(schema.block_form(table | {key: schema.bare({}) for key in shape.optional}))
-    return {"anyOf": forms}
+    return {"anyOf": [schema.block_form(shape.table) for shape in SHAPES.values()]}
 
 
 def from_spec(spec: object, where: str = "section") -> Section:
@@ -342,17 +347,9 @@ def from_spec(spec: object, where: str = "section") -> Section:
             f"thickness: 0.002}}; shapes: {', '.join(SHAPES)}."
         )
     shape = SHAPES[schema.choice(spec["shape"], schema.at(where, "shape"), SHAPES)]
-    block = schema.mapping(spec, where, ("shape", *shape.keys, *shape.optional), shape.keys)
-    quantities = {**_QUANTITIES, **shape.keys}
-    value = {
-        key: schema.number(block[key], schema.at(where, key), above=0, of=quantities[key])
-        for key in (*shape.keys, *shape.optional)
-        if key in block and key != "fibres"
-    }
-    chosen: dict[str, Any] = {key: value[key] for key in shape.keys}
-    if shape.name == "given":
-        chosen["Wt"] = value.get("Wt")
-        chosen["fibres"] = _fibres(block.get("fibres"), schema.at(where, "fibres"))
+    value = schema.Block(spec, where, shape.table, *shape.keys).read()
+    given = ("Wt", "fibres") if shape.name == "given" else ()
+    chosen = {key: value.get(key) for key in (*shape.keys, *given)}
     section = shape.build(**chosen, where=where)
     changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz", "my", "mz") if key in value}
     if "J" in value and "J" not in shape.keys:
@@ -361,9 +358,7 @@ def from_spec(spec: object, where: str = "section") -> Section:
     return replace(section, **changes) if changes else section
 
 
-def _fibres(value: object, where: str) -> Points | None:
-    if value is None:
-        return None
+def _fibres(value: object, where: str) -> Points:
     rows = [
         schema.numbers(row, f"{where}[{i}]", 2, of="place")
         for i, row in enumerate(schema.items(value, where))

@@ -165,23 +165,25 @@ class SolveSpec:
     start_speeds: Speeds = schema.key((), _speeds, form={"type": "object"})
 
     @property
+    def _named(self) -> Integrator | None:
+        return INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
+
+    @property
     def method(self) -> Any:
         """The integrator given as a value or registered by its name; else its name, or None."""
-        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
+        row = self._named
         return self.integrator if row is None or row.method is None else row.method
 
     @property
     def method_options(self) -> dict[str, Any]:
         """The keys of the named integrator that are written, by name."""
-        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
-        values = {} if row is None else {key: getattr(self, key) for key in row.keys}
+        values = {key: getattr(self, key) for key in (self._named.keys if self._named else ())}
         return {key: value for key, value in values.items() if value is not None}
 
     @property
     def only(self) -> str | None:
         """The one level that the named integrator serves, if it is one."""
-        row = INTEGRATORS.get(self.integrator) if isinstance(self.integrator, str) else None
-        return None if row is None else row.only
+        return self._named.only if self._named else None
 
     @property
     def by_steps(self) -> str:

@@ -26,6 +26,7 @@ from pinflex.description.blocks.external import WORLD, ends
 from pinflex.description.files import Source
 from pinflex.description.loops import BUSHING, RESIST, resists
 from pinflex.description.reading import schema
+from pinflex.description.robots.tree_text import hang, triple
 from pinflex.errors import DescriptionError
 
 _ONE = ("revolute", "prismatic")  # kinds of one freedom, and types of a URDF
@@ -50,7 +51,7 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
             _require_new(joint, joints, tree, loop)
         end = f"{name}{_MADE}_end"
         if end not in tree.links:
-            _hang(root, a, chain, end)
+            _behind(root, a, chain, end)
             built = True
         rest = {k: v for k, v in spec.items() if k not in (*RESIST, "kind", "between", "axis")}
         loops[name] = {"kind": weld, "between": [end, b], **rest}
@@ -200,25 +201,13 @@ def _matrix(value: object, where: str, of: str) -> tuple[Array, int]:
     return np.diag([*values, *[0.0] * (6 - len(values))]), len(values)
 
 
-def _hang(root: ET.Element, link: str, chain: list[_Joint], end: str) -> None:
+def _behind(root: ET.Element, link: str, chain: list[_Joint], end: str) -> None:
     """Put the chain behind a link, and `end` behind it, with the place and axes of the link."""
     at = np.zeros(3)
     for joint in chain:
-        own = f"{joint.name}{_MADE}"
-        ET.SubElement(root, "link", name=own)
-        new = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
-        ET.SubElement(new, "parent", link=link)
-        ET.SubElement(new, "child", link=own)
-        ET.SubElement(new, "origin", xyz=_text(joint.at - at))
-        ET.SubElement(new, "axis", xyz=_text(joint.axis))
-        ET.SubElement(new, "limit", lower="-1e3", upper="1e3", effort="1e9", velocity="1e9")
-        link, at = own, joint.at
-    ET.SubElement(root, "link", name=end)
-    back = ET.SubElement(root, "joint", name=f"{end}_fixed", type="fixed")
-    ET.SubElement(back, "parent", link=link)
-    ET.SubElement(back, "child", link=end)
-    ET.SubElement(back, "origin", xyz=_text(-at))
-
-
-def _text(point: Array) -> str:
-    return " ".join(f"{x:.17g}" for x in point)
+        made = hang(root, f"{joint.name}{_MADE}", joint.name, link, joint.at - at)
+        made.set("type", joint.kind)
+        ET.SubElement(made, "axis", xyz=triple(joint.axis))
+        ET.SubElement(made, "limit", lower="-1e3", upper="1e3", effort="1e9", velocity="1e9")
+        link, at = f"{joint.name}{_MADE}", joint.at
+    hang(root, end, f"{end}_fixed", link, -at)

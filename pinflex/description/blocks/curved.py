@@ -22,6 +22,7 @@ from pinflex.description import sources
 from pinflex.description.blocks import flexible
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
+from pinflex.description.robots.tree_text import hang, triple
 from pinflex.errors import DescriptionError
 
 KEYS = ("polyline", "arc")
@@ -155,18 +156,14 @@ def _rebuild(
     for joint in root.findall("joint"):
         parent = joint.find("parent")
         if parent is not None and _name(parent, "link") == link:
-            _hang(joint, parent, names, corners)
+            _moved(joint, parent, names, corners)
     before, at = link, np.zeros(3)
     for name, corner in zip(names, corners, strict=True):
-        ET.SubElement(root, "link", name=name)
-        joint = ET.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
-        ET.SubElement(joint, "parent", link=before)
-        ET.SubElement(joint, "child", link=name)
-        ET.SubElement(joint, "origin", xyz=_text(corner - at))
+        hang(root, name, f"{name}_joint", before, corner - at)
         before, at = name, corner
 
 
-def _hang(joint: ET.Element, parent: ET.Element, names: Sequence[str], corners: Array) -> None:
+def _moved(joint: ET.Element, parent: ET.Element, names: Sequence[str], corners: Array) -> None:
     """Let a joint of the curved link start at the nearest corner, at the same place."""
     origin = joint.find("origin")
     if origin is None:
@@ -175,12 +172,8 @@ def _hang(joint: ET.Element, parent: ET.Element, names: Sequence[str], corners: 
     k = int(np.argmin(np.linalg.norm(corners - point, axis=1)))
     if k:  # at the first corner it stays on the link itself
         parent.set("link", names[k])
-        origin.set("xyz", _text(point - corners[k]))
+        origin.set("xyz", triple(point - corners[k]))
 
 
 def _name(element: ET.Element, key: str) -> str:
     return (element.get(key) or "").strip()
-
-
-def _text(point: Array) -> str:
-    return " ".join(f"{x:.17g}" for x in point)

@@ -105,9 +105,6 @@ def spline_law(spline: Any, last: float, periodic: bool, t: Array) -> Kinematics
     return spline(u), np.where(on, spline(u, 1), 0.0), np.where(on, spline(u, 2), 0.0)
 
 
-# Checks: key path, what is wrong with the value, what is allowed or what to do.
-
-
 # Formulas of time in a motion, such as "0.3*t^2", with their exact first two derivatives.
 #
 # A formula is walked as a syntax tree, never run as code, on jets: a jet is the value, the first
@@ -123,11 +120,8 @@ def _chain(f: Array, df: Array, ddf: Array, x: Array) -> Array:
 
 
 def _times(x: Array, y: Array) -> Array:
-    return np.array([x[0] * y[0], x[1] * y[0] + x[0] * y[1], _second(x, y)])
-
-
-def _second(x: Array, y: Array) -> Array:
-    return np.asarray(x[2] * y[0] + 2.0 * x[1] * y[1] + x[0] * y[2])
+    second = x[2] * y[0] + 2.0 * x[1] * y[1] + x[0] * y[2]
+    return np.array([x[0] * y[0], x[1] * y[0] + x[0] * y[1], second])
 
 
 def _over(x: Array, y: Array) -> Array:
@@ -136,7 +130,7 @@ def _over(x: Array, y: Array) -> Array:
 
 def _power(x: Array, y: Array) -> Array:
     if np.any(y[1:]) or np.ptp(y[0]):
-        return _exp(_times(y, _log(x)))
+        return _FUNCTIONS["exp"](_times(y, _FUNCTIONS["log"](x)))
     n = float(y[0].flat[0])
     if n in (0.0, 1.0):  # their derivatives must not divide by zero
         return x if n else np.array([np.ones_like(x[0]), 0.0 * x[0], 0.0 * x[0]])
@@ -152,20 +146,6 @@ def _cos(x: Array) -> Array:
     return _chain(np.cos(x[0]), -np.sin(x[0]), -np.cos(x[0]), x)
 
 
-def _exp(x: Array) -> Array:
-    f = np.exp(x[0])
-    return _chain(f, f, f, x)
-
-
-def _log(x: Array) -> Array:
-    return _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x)
-
-
-def _sqrt(x: Array) -> Array:
-    f = np.sqrt(x[0])
-    return _chain(f, 0.5 / f, -0.25 / f**3, x)
-
-
 def _atan(x: Array) -> Array:
     slope = 1.0 / (1.0 + x[0] ** 2)
     return _chain(np.arctan(x[0]), slope, -2.0 * x[0] * slope**2, x)
@@ -176,9 +156,9 @@ _FUNCTIONS: Mapping[str, Callable[[Array], Array]] = {
     "cos": _cos,
     "tan": lambda x: _over(_sin(x), _cos(x)),
     "atan": _atan,
-    "exp": _exp,
-    "log": _log,
-    "sqrt": _sqrt,
+    "exp": lambda x: _chain(np.exp(x[0]), np.exp(x[0]), np.exp(x[0]), x),
+    "log": lambda x: _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x),
+    "sqrt": lambda x: _chain(np.sqrt(x[0]), 0.5 / np.sqrt(x[0]), -0.25 / np.sqrt(x[0]) ** 3, x),
 }
 _OPERATORS: Mapping[type, Callable[[Array, Array], Array]] = {
     ast.Add: operator.add,

@@ -19,10 +19,8 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions import laws
-from pinflex.description.motions import laws as formulas
 from pinflex.description.motions import laws as keys
 from pinflex.description.motions import trajectory as paths
-from pinflex.description.motions import trajectory as shaping
 from pinflex.description.motions.laws import PLATFORM_COORDINATES, SNAP, Kinematics, Moves
 from pinflex.description.motions.trajectory import Motion, of_moves
 from pinflex.description.reading import schema
@@ -37,6 +35,13 @@ __all__ = [
 ]  # fmt: skip
 
 
+def _along(kind: str, law: Any, joints: Moves, platform: Moves, duration: float) -> Motion:
+    """Displacements along a law of t/duration."""
+    moves = keys.moves_of(joints, platform, kind)
+    n = keys.options(kind, duration=duration)
+    return of_moves(kind, moves, partial(laws.move, law, moves[2], n["duration"]), n)
+
+
 # Constructors: joints or platform maps names to displacements from home (rad | m).
 @public
 def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) -> Motion:
@@ -47,9 +52,7 @@ def cycloid(*, joints: Moves = None, platform: Moves = None, duration: float) ->
         platform: Displacements by platform coordinate: x y z [m], rz ry rx [rad].
         duration: Of the motion [s].
     """
-    moves = keys.moves_of(joints, platform, "cycloid")
-    n = keys.options("cycloid", duration=duration)
-    return of_moves("cycloid", moves, partial(laws.move, laws.cycloid, moves[2], n["duration"]), n)
+    return _along("cycloid", laws.cycloid, joints, platform, duration)
 
 
 @public
@@ -58,9 +61,7 @@ def quintic(*, joints: Moves = None, platform: Moves = None, duration: float) ->
 
     Args: As of `cycloid`.
     """
-    moves = keys.moves_of(joints, platform, "quintic")
-    n = keys.options("quintic", duration=duration)
-    return of_moves("quintic", moves, partial(laws.move, laws.quintic, moves[2], n["duration"]), n)
+    return _along("quintic", laws.quintic, joints, platform, duration)
 
 
 @public
@@ -71,9 +72,7 @@ def nonic(*, joints: Moves = None, platform: Moves = None, duration: float) -> M
 
     Args: As of `cycloid`.
     """
-    moves = keys.moves_of(joints, platform, "nonic")
-    n = keys.options("nonic", duration=duration)
-    return of_moves("nonic", moves, partial(laws.move, laws.nonic, moves[2], n["duration"]), n)
+    return _along("nonic", laws.nonic, joints, platform, duration)
 
 
 @public
@@ -282,8 +281,8 @@ def formula(
     trees = []
     for name, text in texts.items():
         where = f"formula.{target}.{name}"
-        trees.append(formulas.parse(text, where))
-        values = formulas.evaluate(trees[-1], np.linspace(0.0, n["duration"], 101))
+        trees.append(laws.parse(text, where))
+        values = laws.evaluate(trees[-1], np.linspace(0.0, n["duration"], 101))
         if not np.all(np.isfinite(values)):
             raise keys.bad(
                 where, f"{shown(text)} or its rates are not finite from 0 to {n['duration']:g} s."
@@ -294,17 +293,18 @@ def formula(
 
 
 def _formula_law(trees: tuple[ast.expr, ...], t: Array) -> Kinematics:
-    jets = [formulas.evaluate(tree, t) for tree in trees]
+    jets = [laws.evaluate(tree, t) for tree in trees]
     p, v, a = np.stack(jets, axis=2)
     return p, v, a
 
 
-KINDS: dict[str, Callable[..., Motion]] = {"cycloid": cycloid, "quintic": quintic, "hold": hold}
-KINDS |= {"moves": paths.moves, "adept": paths.adept}
-KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
-KINDS |= {"scurve": scurve, "ruckig": ruckig}
-KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
-KINDS |= {"trajectory": trajectory}
+KINDS: dict[str, Callable[..., Motion]] = {
+    make.__name__: make
+    for make in (
+        *(cycloid, quintic, hold, paths.moves, paths.adept, nonic, spin_up, formula, scurve),
+        *(ruckig, trapezoid, harmonic, circle, sampled, trajectory),
+    )
+}
 
 
 def form() -> schema.Form:
@@ -315,7 +315,7 @@ def form() -> schema.Form:
         table = {"kind": schema.bare({"const": kind}, required=True)} | {
             key: schema.bare({}, required=one.default is one.empty) for key, one in arguments
         }
-        forms.append(schema.block_form(table | {"shaper": schema.bare(shaping.shaper_form)}))
+        forms.append(schema.block_form(table | {"shaper": schema.bare(paths.shaper_form)}))
     return {"anyOf": forms}
 
 
@@ -330,7 +330,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
             where, f"{shown(spec)} is no mapping. Write {{kind: cycloid, joints: {{...}}, ...}}."
         )
     kind, given = spec.get("kind"), {str(k): x for k, x in spec.items() if k != "kind"}
-    asked = shaping.read(given.pop("shaper", None), f"{where}.shaper")
+    asked = paths.read(given.pop("shaper", None), f"{where}.shaper")
     if not isinstance(kind, str) or kind not in KINDS:
         raise keys.bad(f"{where}.kind", f"{shown(kind)} is no motion.{nearest(str(kind), KINDS)}")
     _require_keys(given, kind, where)
@@ -342,7 +342,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
         raise DescriptionError(where + str(error).removeprefix(kind), where=where) from None
     if asked is None or not asked.frequencies:
         return made
-    return shaping.shaped(made, asked.kind, asked.frequencies, asked.damping)
+    return paths.shaped(made, asked.kind, asked.frequencies, asked.damping)
 
 
 def _require_keys(given: Mapping[str, Any], kind: str, where: str) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions import laws
-from pinflex.description.motions import laws as keys
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import shown
@@ -365,7 +364,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
         duration: Of all, with rest at the end [s]; None: the end of the last move.
     """
     if isinstance(moves, str | Mapping) or not isinstance(moves, Sequence) or not moves:
-        raise keys.bad(
+        raise laws.bad(
             "moves.moves",
             f"{shown(moves)} is no list of moves. Write [{{platform: {{x: 0.1}}, duration: 1}}].",
         )
@@ -373,14 +372,14 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     target = read[0][0]
     for k, (other, *_) in enumerate(read):
         if other != target:
-            raise keys.bad(f"moves.moves[{k}]", f"moves {other}, the first {target}. Take one.")
+            raise laws.bad(f"moves.moves[{k}]", f"moves {other}, the first {target}. Take one.")
     names = tuple(dict.fromkeys(name for _, by_name, _, _ in read for name in by_name))
     delta = np.array([[by_name.get(name, 0.0) for name in names] for _, by_name, _, _ in read])
     start, each = (np.array([row[k] for row in read]) for k in (2, 3))
     last = float(np.max(start + each))
-    n = keys.options("moves", "duration", duration=duration)
+    n = laws.options("moves", "duration", duration=duration)
     if n.setdefault("duration", last) < last:
-        raise keys.bad(
+        raise laws.bad(
             "moves.duration", f"{n['duration']:g} s, but the last move ends at {last:g} s."
         )
     spec = {"kind": "moves", **n, "moves": [
@@ -413,18 +412,18 @@ def adept(
         held: Coordinates that stay; None: the third of x, y, z.
         back: Whether the same way back follows.
     """
-    n = keys.options("adept", duration=duration)
+    n = laws.options("adept", duration=duration)
     sizes = {"width": width, "height": height}
-    size = {key: keys.number(x, f"adept.{key}", "m", "length") for key, x in sizes.items()}
+    size = {key: laws.number(x, f"adept.{key}", "m", "length") for key, x in sizes.items()}
     for key, name in (("across", across), ("up", up)):
         if name not in "xyz" or len(name) != 1:
-            raise keys.bad(f"adept.{key}", f"{shown(name)} is no direction.{nearest(name, 'xyz')}")
+            raise laws.bad(f"adept.{key}", f"{shown(name)} is no direction.{nearest(name, 'xyz')}")
     if across == up:
-        raise keys.bad("adept.across", f"{across} is up too. Take two of x, y, z.")
+        raise laws.bad("adept.across", f"{across} is up too. Take two of x, y, z.")
     if not isinstance(back, bool):
-        raise keys.bad("adept.back", f"{shown(back)} is not allowed. Allowed: true, false.")
+        raise laws.bad("adept.back", f"{shown(back)} is not allowed. Allowed: true, false.")
     still = [c for c in "xyz" if c not in (across, up)] if held is None else held
-    rest = keys.names(still, "platform", "adept.held") if len(still) else ()
+    rest = laws.names(still, "platform", "adept.held") if len(still) else ()
     T = n["duration"]
     rows = [
         {"platform": {across: 0.0, up: size["height"]} | dict.fromkeys(rest, 0.0),
@@ -449,14 +448,14 @@ def _reversed(row: Mapping[str, Any], end: float) -> dict[str, Any]:
 def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
     """Target, displacements, start and duration of a move."""
     if not isinstance(one, Mapping):
-        raise keys.bad(where, f"{shown(one)} is no move. Write {{platform: {{x: 0.1}}, ...}}.")
+        raise laws.bad(where, f"{shown(one)} is no move. Write {{platform: {{x: 0.1}}, ...}}.")
     for key in one:
         if key not in _KEYS:
-            raise keys.bad(f"{where}.{key}", f"no such key of a move.{nearest(str(key), _KEYS)}")
+            raise laws.bad(f"{where}.{key}", f"no such key of a move.{nearest(str(key), _KEYS)}")
     if "duration" not in one:
-        raise keys.bad(f"{where}.duration", "missing. Give the time of the move in s.")
-    target, by_name, _ = keys.moves_of(one.get("joints"), one.get("platform"), where)
-    n = keys.options(where, start=one.get("start", 0.0), duration=one["duration"])
+        raise laws.bad(f"{where}.duration", "missing. Give the time of the move in s.")
+    target, by_name, _ = laws.moves_of(one.get("joints"), one.get("platform"), where)
+    n = laws.options(where, start=one.get("start", 0.0), duration=one["duration"])
     return target, by_name, n["start"], n["duration"]
 
 

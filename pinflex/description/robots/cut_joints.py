@@ -17,7 +17,7 @@ from pinflex.description.files import Source
 from pinflex.description.loops import PIN
 from pinflex.description.reading import schema
 from pinflex.description.robots import urdf
-from pinflex.description.robots.tree_text import from_rpy, rpy
+from pinflex.description.robots.tree_text import from_rpy, hang
 from pinflex.errors import DescriptionError
 from pinflex.rotations import axis_frame
 
@@ -79,7 +79,7 @@ def _cut(root: ET.Element, name: str) -> None:
     origin, written = joint.find("origin"), joint.find("axis")
     axis = _numbers(written, "xyz", (1.0, 0.0, 0.0))
     turn = axis_frame(axis / np.linalg.norm(axis), None)
-    place = _numbers(origin, "xyz"), from_rpy(_numbers(origin, "rpy"))
+    place, rotation = _numbers(origin, "xyz"), from_rpy(_numbers(origin, "rpy"))
     parent, child = joint.find("parent"), joint.find("child")
     assert parent is not None
     assert child is not None
@@ -89,30 +89,11 @@ def _cut(root: ET.Element, name: str) -> None:
     joint.set("type", "planar")
     ET.SubElement(joint, "axis", xyz="0 0 1")
     hole, pin = f"{name}_hole", f"{name}_pin"
-    _fixed(root, hole, parent.get("link", ""), place[0], place[1] @ turn)
+    hang(root, hole, f"{hole}_joint", parent.get("link", ""), place, rotation @ turn)
     ET.SubElement(root, "link", name=pin)
-    _fixed(root, None, pin, np.zeros(3), turn.T, child.get("link", ""), f"{name}_carries")
+    hang(root, child.get("link", ""), f"{name}_carries", pin, np.zeros(3), turn.T)
     parent.set("link", hole)
     child.set("link", pin)
-
-
-def _fixed(
-    root: ET.Element,
-    link: str | None,
-    parent: str,
-    xyz: Any,
-    R: Any,
-    child: str = "",
-    name: str = "",
-) -> None:
-    """A link, or an old one, that is fixed to another."""
-    if link is not None:
-        ET.SubElement(root, "link", name=link)
-    joint = ET.SubElement(root, "joint", name=name or f"{link}_joint", type="fixed")
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=link or child)
-    text = {"xyz": xyz, "rpy": rpy(R)}
-    ET.SubElement(joint, "origin", {k: " ".join(map(repr, x.tolist())) for k, x in text.items()})
 
 
 def _numbers(element: ET.Element | None, key: str, default: Any = (0.0, 0.0, 0.0)) -> Any:

@@ -34,11 +34,6 @@ from pinflex.description.robots.tree_text import (
 )
 from pinflex.errors import DescriptionError
 
-# What the elements of an SDF mean: poses, axes, limits, shapes.
-#
-# Source: sdformat.org, specification 1.6 (poses in the model's frame, axes in the joint's) and 1.7
-# (`relative_to`, `expressed_in`).
-
 _HUGE = 1e15  # a limit as large is none
 
 

@@ -60,6 +60,26 @@ def from_rpy(angles: Array) -> Array:
     )
 
 
+def hang(
+    root: ET.Element, link: str, joint: str, parent: str, at: Array, turn: Array | None = None
+) -> ET.Element:
+    """Fix a link of a URDF, a new one if it is not there, to another; returns the joint."""
+    if all((one.get("name") or "").strip() != link.strip() for one in root.findall("link")):
+        ET.SubElement(root, "link", name=link)
+    made = ET.SubElement(root, "joint", name=joint, type="fixed")
+    ET.SubElement(made, "parent", link=parent)
+    ET.SubElement(made, "child", link=link)
+    origin = ET.SubElement(made, "origin", xyz=triple(at))
+    if turn is not None:
+        origin.set("rpy", triple(rpy(turn)))
+    return made
+
+
+def triple(numbers: Array) -> str:
+    """Three numbers as a URDF has them, to the last digit."""
+    return " ".join(f"{x:.17g}" for x in numbers)
+
+
 @dataclass(frozen=True)
 class Inertia:
     """Mass [kg], centre [m] and inertia about it [kg m^2], in the axes of one frame."""

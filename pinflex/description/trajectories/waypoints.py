@@ -123,15 +123,17 @@ def of_message(message: Any, place: Place) -> Waypoints:
         if isinstance(message, list) and len(message) == 1:
             message, above = message[0], (*above, 0)
     if not isinstance(message, Mapping):
-        raise _bad(place(*above, "points"), f"{shown(message)} is no JointTrajectory.")
+        raise keys.bad(place(*above, "points"), f"{shown(message)} is no JointTrajectory.")
     for key in ("joint_names", "points"):
         if not isinstance(message.get(key), list | tuple) or not message[key]:
             found = shown(message.get(key)) if key in message else "missing"
-            raise _bad(place(*above, key), f"{found}. A JointTrajectory lists {key} here.")
+            raise keys.bad(place(*above, key), f"{found}. A JointTrajectory lists {key} here.")
     names = tuple(str(name) for name in message["joint_names"])
     for k, name in enumerate(names):
         if name in names[:k]:
-            raise _bad(place(*above, "joint_names", k), f'"{name}" is there twice. Name each once.')
+            raise keys.bad(
+                place(*above, "joint_names", k), f'"{name}" is there twice. Name each once.'
+            )
     times, rows = [], []
     for k, point in enumerate(message["points"]):
         at = (*above, "points", k)
@@ -140,7 +142,7 @@ def of_message(message: Any, place: Place) -> Waypoints:
         _require_same(rows, at, place)
         if len(times) > 1 and times[-1] <= times[-2]:
             text = f"{times[-1]:g} s follows {times[-2]:g} s. Times must rise."
-            raise _bad(place(*at, "time_from_start"), text)
+            raise keys.bad(place(*at, "time_from_start"), text)
     values = {field: np.array([row[field] for row in rows]) for field in rows[0]}
     return _stopping(Waypoints(names, np.array(times), values), above, place)
 
@@ -148,29 +150,29 @@ def of_message(message: Any, place: Place) -> Waypoints:
 def _time(point: Any, at: tuple[str | int, ...], place: Place) -> float:
     """time_from_start of a point [s]: a number, or seconds and nanoseconds."""
     if not isinstance(point, Mapping):
-        raise _bad(place(*at), f"{shown(point)} is no point. Its keys: {', '.join(_POINT)}.")
+        raise keys.bad(place(*at), f"{shown(point)} is no point. Its keys: {', '.join(_POINT)}.")
     for key in point:
         if key not in _POINT:
-            raise _bad(place(*at, key), f"no such key of a point.{nearest(str(key), _POINT)}")
+            raise keys.bad(place(*at, key), f"no such key of a point.{nearest(str(key), _POINT)}")
     if point.get("time_from_start") is None:
-        raise _bad(place(*at), "time_from_start is missing. Give seconds, or {sec, nanosec}.")
+        raise keys.bad(place(*at), "time_from_start is missing. Give seconds, or {sec, nanosec}.")
     given, here = point["time_from_start"], place
     if isinstance(given, Mapping):
         pair = next((two for two in _SECONDS if set(given) <= set(two) and given), None)
         if pair is None:
             text = f"{shown(given)} is no time. Give seconds, or {{sec: 1, nanosec: 500000000}}."
-            raise _bad(place(*at, "time_from_start"), text)
+            raise keys.bad(place(*at, "time_from_start"), text)
         parts = []
         for key, most in zip(pair, (2**31, 10**9), strict=True):
             x = given.get(key, 0)
             if isinstance(x, bool) or not isinstance(x, int) or not 0 <= x < most:
                 text = f"{shown(x)} is out of range. Allowed: whole numbers, 0 to {most - 1}."
-                raise _bad(here(*at, "time_from_start", key), text)
+                raise keys.bad(here(*at, "time_from_start", key), text)
             parts.append(x)
         return parts[0] + 1e-9 * parts[1]
     time = _number(given, lambda: place(*at, "time_from_start"), "s", "time")
     if time < 0.0:
-        raise _bad(place(*at, "time_from_start"), f"{time:g} s. It must be 0 or more.")
+        raise keys.bad(place(*at, "time_from_start"), f"{time:g} s. It must be 0 or more.")
     return time
 
 
@@ -186,17 +188,19 @@ def _row(
         if not isinstance(given, list | tuple) or len(given) != len(names):
             count = f"{len(given)} numbers" if isinstance(given, list | tuple) else shown(given)
             text = f"{count} for {len(names)} joints ({', '.join(names[:6])}). Give one for each."
-            raise _bad(place(*at, field), text)
+            raise keys.bad(place(*at, field), text)
         row[field] = [
             _number(x, lambda j=j, f=field: place(*at, f, j), "rad or m (per s)")  # type: ignore[misc]
             for j, x in enumerate(given)
         ]
     if "positions" not in row:
-        raise _bad(
+        raise keys.bad(
             place(*at, "positions"), "missing. Every point gives the position of each joint."
         )
     if "accelerations" in row and "velocities" not in row:
-        raise _bad(place(*at, "velocities"), "missing, though accelerations are given. Give both.")
+        raise keys.bad(
+            place(*at, "velocities"), "missing, though accelerations are given. Give both."
+        )
     return row
 
 
@@ -207,19 +211,21 @@ def _require_same(
     for field in FIELDS:
         if (field in rows[-1]) != (field in rows[0]):
             word = "missing, but the first point has" if field in rows[0] else "the first has no"
-            raise _bad(place(*at, field), f"{word} {field}. Give them at every point or at none.")
+            raise keys.bad(
+                place(*at, field), f"{word} {field}. Give them at every point or at none."
+            )
 
 
 def _stopping(found: Waypoints, above: tuple[str | int, ...], place: Place) -> Waypoints:
     """The waypoints, if they end at rest and move at all."""
     last = len(found.t) - 1
     if last == 0 and found.t[0] == 0.0:
-        raise _bad(place(*above, "points"), "one point at 0 s moves nothing. Give two or more.")
+        raise keys.bad(place(*above, "points"), "one point at 0 s moves nothing. Give two or more.")
     speeds = found.values.get("velocities")
     if speeds is not None:
         fast = np.abs(speeds[-1]) > _AT_REST * np.maximum(np.abs(speeds).max(axis=0), 1.0)
         for j in np.flatnonzero(fast)[:1]:
-            raise _bad(
+            raise keys.bad(
                 place(*above, "points", last, "velocities", int(j)),
                 f"{found.names[j]} ends at {speeds[-1, j]:g} rad/s or m/s; a joint_trajectory_"
                 "controller refuses that too. End at rest, with a point more.",
@@ -235,11 +241,7 @@ def _number(value: Any, where: Callable[[], str], unit: str, of: str = "position
     try:
         return keys.number(value, "", unit, of)
     except DescriptionError as error:
-        raise _bad(where(), str(error).removeprefix(": ")) from None
-
-
-def _bad(where: str, text: str) -> DescriptionError:
-    return keys.bad(where, text)
+        raise keys.bad(where(), str(error).removeprefix(": ")) from None
 
 
 # CSV ---------------------------------------------------------------------------------------------
@@ -253,7 +255,9 @@ def of_csv(text: str, where: str) -> Waypoints:
         if line.strip() and not line.startswith("#")
     ]
     if len(lines) < 2:
-        raise _bad(where, "no rows. A trajectory has a header t, NAME, ... and a row per instant.")
+        raise keys.bad(
+            where, "no rows. A trajectory has a header t, NAME, ... and a row per instant."
+        )
     cells = [next(csv.reader([line])) for _, line in lines]
     header = f"{where}, line {lines[0][0]}"
     columns = [_column(cell.strip(), header) for cell in cells[0]]
@@ -263,7 +267,7 @@ def of_csv(text: str, where: str) -> Waypoints:
     t = numbers[:, at["t"][0]]
     for k in np.flatnonzero(np.diff(t, prepend=-1e-300 if t[0] == 0 else 0.0) <= 0)[:1]:
         before = "0" if k == 0 else f"{t[k - 1]:g}"
-        raise _bad(
+        raise keys.bad(
             f"{where}, line {lines[k + 1][0]}: t",
             f"{t[k]:g} s follows {before} s. Times must rise.",
         )
@@ -287,7 +291,7 @@ def _numbers(
     for k, (here, row) in enumerate(zip(places, rows, strict=True)):
         if len(row) != len(columns):
             text = f"{len(row)} cells, the header has {len(columns)}. Give one for each."
-            raise _bad(here, text)
+            raise keys.bad(here, text)
         for j in used:
             name, field, _ = columns[j]
             try:
@@ -297,7 +301,7 @@ def _numbers(
             if not np.isfinite(numbers[k, j]):
                 what = "t" if field == "t" else f"{name}.{field}"
                 text = f"{shown(row[j])} is not a finite number. Correct it."
-                raise _bad(f"{here}: {what}", text)
+                raise keys.bad(f"{here}: {what}", text)
     return np.asarray(numbers * factors)
 
 
@@ -307,21 +311,21 @@ def _column(head: str, where: str) -> tuple[str, str, float]:
     label, unit = (found[1], found[2] or "") if found else (head, "")
     if label.lower() in _TIMES:
         if unit not in ("", "s", "ms"):
-            raise _bad(f"{where}: {label}", f"no unit of time: [{unit}]. Allowed: [s], [ms].")
+            raise keys.bad(f"{where}: {label}", f"no unit of time: [{unit}]. Allowed: [s], [ms].")
         return "", "t", _FACTORS[unit]
     name, dot, word = label.rpartition(".")
     if dot and word in _ASIDE:
         return name, "", 1.0
     if dot and word == "displacement":
         text = "a displacement from home. Write the file with robot=..., which gives positions."
-        raise _bad(f"{where}: {label}", text)
+        raise keys.bad(f"{where}: {label}", text)
     name, field = (name, _COLUMNS[word]) if dot and word in _COLUMNS else (label, "positions")
     if field == "effort" or unit in ("", "rad | m", "rad/s | m/s", "rad/s^2 | m/s^2"):
         return name, field, 1.0
     plain = unit.removesuffix(_PER[field])
     if plain not in ("rad", "deg", "m", "mm") or (field != "positions" and plain == unit):
         allowed = ", ".join(f"[{u}{_PER[field]}]" for u in ("rad", "deg", "m", "mm"))
-        raise _bad(f"{where}: {label}", f"no unit of {field}: [{unit}]. Allowed: {allowed}.")
+        raise keys.bad(f"{where}: {label}", f"no unit of {field}: [{unit}]. Allowed: {allowed}.")
     return name, field, _FACTORS[plain]
 
 
@@ -332,22 +336,22 @@ def _places(
     known: dict[tuple[str, str], int] = {}
     for k, (name, field, _) in enumerate(columns):
         if field and (name, field) in known:
-            raise _bad(where, f"two columns of {field} of {name or 'time'}. Keep one.")
+            raise keys.bad(where, f"two columns of {field} of {name or 'time'}. Keep one.")
         known[name, field] = k
     if ("", "t") not in known:
-        raise _bad(where, f"no column of time. Allowed: {', '.join(_TIMES)}.")
+        raise keys.bad(where, f"no column of time. Allowed: {', '.join(_TIMES)}.")
     if not names:
-        raise _bad(where, "no joint. Columns are t, then NAME.position, NAME.velocity, ...")
+        raise keys.bad(where, "no joint. Columns are t, then NAME.position, NAME.velocity, ...")
     found = {"t": [known["", "t"]]}
     for field in FIELDS:
         have = [name for name in names if (name, field) in known]
         lost = [name for name in names if name not in have]
         if lost and (have or field == "positions"):
-            raise _bad(where, f"no column of {field} of {lost[0]}. Give it for each joint.")
+            raise keys.bad(where, f"no column of {field} of {lost[0]}. Give it for each joint.")
         if have:
             found[field] = [known[name, field] for name in names]
     if "accelerations" in found and "velocities" not in found:
-        raise _bad(where, "accelerations without velocities. Give both.")
+        raise keys.bad(where, "accelerations without velocities. Give both.")
     return found
 
 

@@ -22,14 +22,14 @@ from pinflex.solver.solve import default_motion
 @pytest.mark.parametrize("until", [0.5, 0.62, 0.7])  # in the motion, at its end, behind it
 def test_a_motion_with_jumps_takes_few_poses(until: float, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = pf.load("3tpt")  # a trapezoid: accelerations jump at 0.02, 0.6 and 0.62 s
-    motion, poses, plain = default_motion(robot), [], drive._at_nodes
+    motion, poses, plain = default_motion(robot), [], drive.motors_along
     assert motion.switches == pytest.approx((0.02, 0.6, 0.62))
 
     def counted(*given: object) -> object:
         poses.append(len(given[2]))  # type: ignore[arg-type]
         return plain(*given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(drive, "_at_nodes", counted)
+    monkeypatch.setattr(drive, "motors_along", counted)
     t = np.linspace(0.0, until, 1241)  # the jumps are among these times
     path = drive.motor_path(robot, motion, t)
     assert sum(poses) < 300
