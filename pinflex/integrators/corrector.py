@@ -17,7 +17,6 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import STATE, Batch, Stages, States
-from pinflex.integrators.march import CONTROL
 from pinflex.integrators.problem import Run
 from pinflex.kernel.march import Marched, MarchKernel, no_table
 from pinflex.mechanics.evaluation.equations import Equations
@@ -95,7 +94,7 @@ class Corrector:
         table = steps.table or no_table(3 * counts["motors"] + counts["forces"])
         room = int(steps.kernel.at.capacity), 0
         made = self.stages.compiled.march(marched, table, room)
-        made.at.slow, made.at.same_step = self._slow, CONTROL.same_step
+        made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 
 

@@ -16,13 +16,13 @@ from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
 from pinflex.errors import DescriptionError
 from pinflex.integrators.problem import Run, Settings
+from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment, Interface, Loads
-from pinflex.mechanics.model.slider import Contact
 from pinflex.results.result import Result
 from pinflex.text import brief
 

@@ -175,7 +175,10 @@ def result_of(
     known = describe(mechanism, run, level, cost, stopped)
     described: dict[tuple[str, ...], Callable[[], dict[str, Any]]]
     described = {(key,): told(key, find) for key, find in known.items()}
-    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, **described}))
+    unasked: dict[tuple[str, ...], Callable[[], dict[str, Any]]] = {}
+    if run.several is not None:
+        unasked[("statistics",)] = told("statistics", run.several)
+    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, **described}, unasked or None))
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:

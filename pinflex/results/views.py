@@ -201,7 +201,8 @@ class Statistic(NamedTuple):
         rms, peak: In the unit of the quantity.
         frequencies: Lower ends of the octaves of its spectrum [Hz]. levels: Its rms in each.
         spread: Of rms, of peak, then of every octave: standard deviation over the runs.
-        runs: Their number.
+        runs: Their number. parted: When the two part that differ by 1e-9 in their first speeds [s];
+            None: they do not.
     """
 
     rms: float
@@ -210,6 +211,7 @@ class Statistic(NamedTuple):
     levels: list[float]
     spread: list[float]
     runs: int
+    parted: float | None = None
 
 
 def statistics(
@@ -364,8 +366,9 @@ class FrameView(View):
     __repr__ = brief
     kind = "frame"
     arrays: ClassVar[Mapping[str, str]] = {
-        name: f"frame/NAME/{name}" for name in ("position", "rotation", "velocity", "acceleration")
-    }
+        "position": "frame/NAME/position", "rotation": "frame/NAME/rotation",
+        "velocity": "frame/NAME/velocity", "acceleration": "frame/NAME/acceleration",
+    }  # fmt: skip
 
     result: Result
     name: str

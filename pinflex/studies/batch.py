@@ -30,11 +30,10 @@ import yaml
 
 from pinflex import registered
 from pinflex.description.description import Description
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.errors import DescriptionError, PinflexError, reason
 from pinflex.kernel.library import warn_if_missing
 from pinflex.recovery.meta import version
 from pinflex.results.pose_map import Columns
-from pinflex.studies.study import reason
 from pinflex.threads import one_blas_thread
 from pinflex.writing import lock, plain, writable
 

@@ -19,7 +19,6 @@ from pinflex.results.quantities import joint_unit
 from pinflex.results.result import Result, peak, rms
 from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
-from pinflex.studies.study import yield_strengths
 
 Beside = Callable[[Result, Result | None], Mapping[str, float]]
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
@@ -196,4 +195,13 @@ def _validity(run: Result, stresses: list[StressRow]) -> dict[str, Any]:
         "validity.energy_balance": run.meta["energy_balance"],
         "validity.worst_closure": run.worst_closure,
         "validity.warnings": " | ".join(run.meta["warnings"]),
+    }
+
+
+def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
+    """Strength [Pa] of the links whose material has one."""
+    return {
+        name: part.spec.material.yield_strength
+        for name, part in mechanism.parts.items()
+        if part.spec.material.yield_strength is not None
     }
