@@ -217,7 +217,7 @@ def resultants(samples: Samples, out: dict[str, Array] | None = None) -> dict[st
 
 def _stations(slots: Sequence[Slot]) -> Array:
     """Sections of a link along its span [m], shape (nx,)."""
-    return _joined([(slot.offset + slot.body.cut.x)[None] for slot in slots])[0]
+    return np.asarray(_joined([(slot.offset + slot.body.cut.x)[None] for slot in slots])[0])
 
 
 def _slots(samples: Samples, name: str) -> list[Slot]:
