@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model
+from pinflex.cli.console import answer, load_model, written
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
@@ -45,7 +45,7 @@ def run_design(args: argparse.Namespace) -> int:
             front = pf.pareto(robot, args.minimise, args.against, vary, args.keep, **options)
         else:
             front = [pf.design(robot, args.minimise, vary, args.keep, **options)]
-    files = _written(front[0], args)
+    files = written(front[0], args)
     text = front[0].text()
     if args.against:
         text = f"{_front(front, args.minimise, args.against).text()}\n"
@@ -63,23 +63,12 @@ def run_fit(args: argparse.Namespace) -> int:
             load_model(args), args.measured, vary, priors, **values(args), nodes=nodes,
             progress=bar,
         )  # fmt: skip
-    return answer(args, study.as_json(), study.text(), _written(study, args))
+    return answer(args, study.as_json(), study.text(), written(study, args))
 
 
 def _check_files(args: argparse.Namespace) -> None:
     for path in (args.output, args.plot):
         writable(path)
-
-
-def _written(study: pf.Design | pf.Fit, args: argparse.Namespace) -> list[str]:
-    """Write the figure and the YAML that --plot and --output ask for; their paths."""
-    files = []
-    if args.plot is not None:
-        study.plot(args.plot)
-        files.append(str(args.plot))
-    if args.output is not None:
-        files.append(str(study.write(args.output)))
-    return files
 
 
 def _front(front: Sequence[pf.Design], minimise: str, against: str) -> Table:

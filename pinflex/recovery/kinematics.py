@@ -151,7 +151,8 @@ class Kinematics:
 
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     """Kinematics of a run."""
-    dynamics, nt, expansion = Equations(run.system), len(run.t), run.system.expansion
+    # as if marched: at hundreds of samples the kernel serves rigid systems, too
+    dynamics, nt, expansion = Equations(run.system, marched=True), len(run.t), run.system.expansion
     frames = {name: expansion.frames[name] for name in mechanism.description.reported}
     working = without_potential(run.system.loads)
     bearing = {slot.root.joint for slot in expansion.slots}
@@ -231,7 +232,7 @@ class Forces:
 
 def forces(mechanism: Mechanism, run: Run) -> Forces:
     """Forces of a run."""
-    equations, nt, system = Equations(run.system), len(run.t), run.system
+    equations, nt, system = Equations(run.system, marched=True), len(run.t), run.system
     model, joints = equations.model, system.looked_at[1:]
     y, v = run.y, run.v
     if run.linear:

@@ -78,7 +78,7 @@ def shaking_of(run: Run) -> Array:
         system.loads.springs or system.loads.touches
     ):  # which pull on the frame too: of these it is told
         system = replace(system, loads=Loads(system.loads.forces, ()))
-    dynamics = Equations(system)
+    dynamics = Equations(system, marched=True)
     y, v = (np.array(x) for x in zip(*(run.acting(k) for k in range(nt)), strict=True))
     base = [int(joint) for joint in dynamics.model.children[0]]
     # What the first joints carry; multipliers, without which nothing balances, add none to it.

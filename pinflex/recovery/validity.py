@@ -21,6 +21,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Slot
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.tree import sliding
+from pinflex.recovery.links import deflections
 from pinflex.text import brief, percent
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
@@ -242,7 +243,7 @@ def sentences(
     """One for each that is not good, with what to do."""
     texts, linear = [], run.path is not None
     if found.get("closure", GOOD) != GOOD:
-        why, bent = "it is linear, and " if linear else "", 1e3 * _deflection(run, arrays)
+        why, bent = "it is linear, and " if linear else "", 1e3 * _deflection(run)
         trust = "Trust coupled." if linear else "Take shorter steps."
         texts.append(
             f"leaves its loops open by up to {1e3 * _gap(arrays):.3g} mm ({found['closure']}): "
@@ -268,15 +269,14 @@ def _gap(arrays: Mapping[str, Array]) -> float:
     return float(np.max(np.abs(arrays["residual/closure"]), initial=0.0))
 
 
-def _deflection(run: Run, arrays: Mapping[str, Array]) -> float:
+def _deflection(run: Run) -> float:
     """Largest deflection of any link, m."""
-    links = {slot.link for slot in run.system.expansion.slots}
-    keys = [f"link/{link}/deflection" for link in links]
-    return max((float(np.max(np.abs(arrays[k][:, :, :3]), initial=0.0)) for k in keys), default=0.0)
+    found = deflections(Equations(run.system), run.y).values()
+    return max((float(np.max(np.abs(d), initial=0.0)) for _, d in found), default=0.0)
 
 
 def _open_share(run: Run, arrays: Mapping[str, Array]) -> float:
-    deflection = _deflection(run, arrays)
+    deflection = _deflection(run)
     return _gap(arrays) / deflection if deflection > 0 else 0.0
 
 

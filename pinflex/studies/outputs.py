@@ -144,7 +144,7 @@ def _deviation(
             path = nominal(mechanism, moved, run.t)
         except SceneError:
             return {}
-        poses = platform_poses(mechanism, Equations(mechanism.rigid), path.q)
+        poses = platform_poses(mechanism, Equations(mechanism.rigid, marched=True), path.q)
         away = run.frame(frame).away_from(*poses)
     place = farthest("run", frame, away)
     return {"deviation.position": place.position, "deviation.rotation": place.rotation}

@@ -18,6 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from time import sleep
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinflex as pf
@@ -44,6 +45,32 @@ def test_a_group_is_found_once_by_the_head_of_its_keys():
     assert list(late) == ["now", "a/x", "a/y", "b/x", "b/y"] and asked == ["a", "b"]
     late = Late({"now": 0}, {**groups, (): lambda: {"other": 3}})
     assert late["other"] == 3 and asked == ["a", "b"] and len(late) == 6
+
+
+def test_a_key_that_a_glob_fits_asks_no_other_group():
+    asked = []
+
+    def group(kind):
+        asked.append(kind)
+        return {f"a/one/{kind}/x": 1}
+
+    late = Late({}, {("a/*/stress/*",): lambda: group("stress"), ("a",): lambda: group("line")})
+    assert late["a/one/stress/x"] == 1 and asked == ["stress"]
+    assert late["a/one/line/x"] == 1 and asked == ["stress", "line"]
+    assert list(late) == ["a/one/stress/x", "a/one/line/x"] and len(asked) == 2
+
+
+def test_forces_in_joints_of_a_rigid_run_are_those_of_rnea():
+    """Pinocchio's recursion, joint by joint, from the run's states; 1e-12: round-off."""
+    robot = pf.load("ur5")
+    run, model = pf.solve(robot, level="rigid", samples=7), robot.rigid.rigid
+    data = model.createData()
+    for k in range(len(run.t)):
+        pin.rnea(model, data, *(run[f"joint/{x}"][k] for x in "qva"))
+        for number, name in enumerate(list(model.names)[1:], start=1):
+            f = data.f[number].vector
+            apart = run[f"reaction/{name}"][k] - f
+            assert np.max(np.abs(apart)) < 1e-12 * np.max(np.abs(f))
 
 
 def test_several_threads_find_a_group_once():

@@ -81,6 +81,17 @@ def test_by_how_many_they_are_divided_changes_no_bit(
     assert alike(threads, alone)
 
 
+def test_a_deviation_is_from_the_rigid_run(fourbar: pf.Mechanism) -> None:
+    """Where no rigid torques are asked for, none are computed; 1e-12 of its size: round-off."""
+    row = pf.batch(fourbar, [SMALL], outputs=("deviation",), threads=1)
+    run = pf.solve(fourbar, asked=("platform",), **SMALL)  # as a batch of that alone asks
+    rigid = pf.solve(fourbar, level="rigid", until=SMALL["until"], samples=SMALL["samples"])
+    size = np.max(np.linalg.norm(run.frames["platform"].position, axis=1))
+    far = np.max(run.deviation_from(rigid).norm)
+    assert far > 1e-9 * size
+    assert row["deviation.position"][0] == pytest.approx(far, rel=0, abs=1e-12 * size)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
