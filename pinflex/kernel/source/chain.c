@@ -39,7 +39,7 @@ typedef struct {
 typedef struct { Complex square, single; double twice; } Weights;
 
 static Weights weights(const Stages *st, Int e) {
-  double x = st->value[2 * e], y = st->value[2 * e + 1], h = st->h;
+  double x = st->value[2 * e], y = st->value[2 * e + 1], h = st->joined_h;
   return (Weights){{x * x - y * y, 2 * x * y}, {h * x, h * y}, h * h};
 }
 

@@ -245,6 +245,7 @@ EXPORT int pinflex_factor_tangent(const Tables *t, Stages *st, const double *M) 
   st->joined = t->joined_at[t->blocks] ? J + nv * t->closures : NULL;
   if (st->joined) {
     dense(t, st); /* unknowns in order as they are */
+    st->joined_h = st->h;
     for (Int e = 0; e < st->values; e++)
       if (!chain_factors(t, st, e, M)) return 0;
     return 1;
