@@ -33,7 +33,7 @@ _INTO: dict[str, str | int] = {
     "added_node": "nodes", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
-    "block_of": "blocks", "block_above": "blocks", "node_block": "blocks",
+    "block_of": "blocks", "block_order": "blocks", "block_above": "blocks", "node_block": "blocks",
     "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,

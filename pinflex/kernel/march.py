@@ -166,7 +166,8 @@ class StageKernel:
         self.y, self.v, self.move = (arrays[name] for name in ("y", "v", "move"))
         self.kp, self.kd, self.held = arrays["kp"], arrays["kd"], arrays["held"]
         self._held = pointers["held"]
-        self.counts = {**n, "s": s, "free": free, "motors": motors}
+        joined = int(evaluator.tables.arrays["joined_at"][-1])
+        self.counts = {**n, "s": s, "free": free, "motors": motors, "joined": joined}
         self.functions, self.work = evaluator.functions, evaluator.work
         self.tables, self.address = evaluator.tables.address, ctypes.addressof(self._structure)
 
@@ -470,7 +471,8 @@ class MarchKernel:
         )  # fmt: skip
         # One tangent more for starts.
         zeros = {
-            "tangent_at": (tangents + 1, nv * (3 * nv + rows)), "input": (s, _columns(stages)),
+            "tangent_at": (tangents + 1, nv * (3 * nv + rows) + n["joined"]),
+            "input": (s, _columns(stages)),
             "start_lu": (2 * size + 1, size), "start_x": (2 * size + nv + rows,),
             "y": (nq,), "v": (nv,), "a": (nv,), "lam": (rows,), "torque": (motors,),
             "hit": (n["kinks"],), "placed": (s + 1, nq), "x": (s + 1, n["kinks"]),

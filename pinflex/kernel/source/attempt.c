@@ -1,6 +1,7 @@
 /* One attempt at a step: stages predicted by the step before, Newton's iteration, and what the
    step leaves. Its coarseness is the last Legendre coefficient of the displacement over the largest
    displacement so far. Its plain form is `PlainRadau.step` in pinflex/integrators/plain/radau.py. */
+#include "chain.h"
 #include "march.h"
 #include "newton.h"
 #include <stddef.h>
@@ -85,9 +86,11 @@ static void refresh(const Tables *t, char *memory, March *m) {
   Int k = st->s / 2, nv = t->nv, square = nv * nv;
   m->tangent = free_tangent(m);
   double *M = m->tangent_at + m->tangent * tangent_width(t), *C = M + square, *K = C + square;
-  pinflex_tangent(t, memory, 1, st->y + k * t->nq, st->v + k * nv, st->a + k * nv,
+  Int wanted = t->joined_at[t->blocks] && !m->by_mass ? WITHIN_BLOCKS : WITH_RATES;
+  pinflex_tangent(t, memory, wanted, st->y + k * t->nq, st->v + k * nv, st->a + k * nv,
                   st->lam + k * t->closures, st->scale + k * t->forces, M, C, K, K + square);
   pull_tangent(t, st, C, K);
+  pinflex_joined(t, memory, K + square + nv * t->closures);
   for (Int i = 0; m->by_mass && i < m->measured; i++)
     for (Int j = 0; j < m->measured; j++)
       m->weight[i * m->measured + j] = M[m->measured_at[i] * nv + m->measured_at[j]];
@@ -97,17 +100,9 @@ static void refresh(const Tables *t, char *memory, March *m) {
 /* Factors of Newton's matrices for a step, where they are not at hand. */
 int factor(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
-  Int n = st->free, nv = t->nv, square = nv * nv;
-  const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
+  const double *M = m->tangent_at + m->tangent * tangent_width(t);
   if (fabs(m->factored_h - h) <= (cut(m) ? NEARLY : m->same_step) * h) return 1;
-  for (Int i = 0; i < n; i++)
-    for (Int j = 0; j < n; j++) {
-      const double *at = M + st->free_at[i] * nv + st->free_at[j];
-      st->M[i * n + j] = at[0], st->C[i * n + j] = at[square], st->K[i * n + j] = at[2 * square];
-    }
-  for (Int k = 0; k < t->closures; k++)
-    for (Int j = 0; j < n; j++) st->J[k * n + j] = J[k * nv + st->free_at[j]];
-  if (!pinflex_factor(t, st)) return 0;
+  if (!pinflex_factor_tangent(t, st, M)) return 0;
   m->factored_h = h, m->factored++;
   return 1;
 }
@@ -156,11 +151,33 @@ int attempt(const Tables *t, char *memory, March *m, double h) {
 
 /* The forces in the rows of prescribed motors with the last correction in them:
    r + M da + h C A da + K dz - J' dlam. */
+static void chain_forces(const Tables *t, const March *m, double *torque) {
+  const Stages *st = m->stages;
+  Int s = st->s, n = st->free, nv = t->nv;
+  const double *M = m->tangent_at + m->tangent * tangent_width(t);
+  double *da = chain_room(t, st), *dv = da + nv, *dz = dv + nv, *out = dz + nv;
+  for (Int j = 0; j < 3 * nv; j++) da[j] = 0.0;
+  for (Int i = 0; i < s; i++) {
+    for (Int j = 0; j < n; j++) {
+      Int at = st->free_at[j];
+      da[at] = st->da[i * n + j], dz[at] = st->change[i * nv + at], dv[at] = 0.0;
+      for (Int l = 0; l < s; l++) dv[at] += st->h * st->A[i * s + l] * st->da[l * n + j];
+    }
+    chain_product(t, st, M, da, dv, dz, out);
+    for (Int k = 0; k < st->motors; k++)
+      torque[i * st->motors + k] = st->r[i * nv + st->motor_v[k]] + out[st->motor_v[k]];
+  }
+}
+
 static void motor_forces(const Tables *t, const March *m, double *torque) {
   const Stages *st = m->stages;
   Int s = st->s, n = st->free, nv = t->nv, square = nv * nv, rows = t->closures;
   const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
   double *dv = st->part; /* h A da of a stage */
+  if (st->joined) {
+    if (led(st)) chain_forces(t, m, torque);
+    return;
+  }
   for (Int i = 0; i < s; i++) {
     for (Int j = 0; j < n; j++) dv[j] = 0.0;
     for (Int l = 0; l < s && led(st); l++)

@@ -1,5 +1,6 @@
 /* The steps of a run once more with one stage more, from the start that the corrections so far have
    led to: what they differ by is the error of the run (pinflex/integrators/corrector.py). */
+#include "chain.h"
 #include "march.h"
 #include <stddef.h>
 
@@ -41,6 +42,16 @@ static void guess(const Tables *t, const March *run, March *m, Int k, const doub
   for (Int i = 0; i < st->s * nv; i++) st->change[i] = 0.0;
 }
 
+/* K moved + C rate of a chain, both of free rows. */
+static void chain_follow(const Tables *t, const March *m, const double *moved, const double *rate,
+                         double *r) {
+  const Stages *st = m->stages;
+  double *none = chain_room(t, st), *dv = none + t->nv, *dz = dv + t->nv;
+  for (Int j = 0; j < 3 * t->nv; j++) none[j] = 0.0;
+  for (Int j = 0; j < st->free; j++) dv[st->free_at[j]] = rate[j], dz[st->free_at[j]] = moved[j];
+  chain_product(t, st, m->tangent_at + m->tangent * tangent_width(t), none, dv, dz, r);
+}
+
 /* Answer of the stages to the error so far, by the tangent alone: r = K (dy + h c dv) + C dv. */
 static void follow(const Tables *t, const March *run, March *m, Int k) {
   Stages *st = m->stages;
@@ -50,10 +61,11 @@ static void follow(const Tables *t, const March *run, March *m, Int k) {
   const double *v = run->steps.v0 + k * nv;
   for (Int j = 0; j < n; j++) rate[j] = m->v[st->free_at[j]] - v[st->free_at[j]];
   for (Int i = 0; i < st->s; i++) {
+    double *r = st->r + i * nv;
     for (Int j = 0; j < n; j++) moved[j] = dy[st->free_at[j]] + st->h * st->c[i] * rate[j];
-    for (Int l = 0; l < n; l++)
-      st->r[i * nv + st->free_at[l]]
-          = inner(st->K + l * n, moved, n) + inner(st->C + l * n, rate, n);
+    if (st->joined) chain_follow(t, m, moved, rate, r);
+    for (Int l = 0; l < n && !st->joined; l++)
+      r[st->free_at[l]] = inner(st->K + l * n, moved, n) + inner(st->C + l * n, rate, n);
     for (Int l = 0; l < rows; l++) st->open[i * rows + l] = inner(st->J + l * n, moved, n);
   }
   pinflex_correct(t, st);

@@ -50,6 +50,8 @@ typedef struct {
   const Int *block_at;                                   /* [blocks+1] */
   const Int *block_above, *block_depth;                  /* [blocks] next on the path to the base; columns there */
   const Int *node_block;                                 /* [nodes] the last one on the path of a node */
+  const Int *block_order;                                /* [blocks] from the base on */
+  const Int *joined_at, *chain_at;                       /* [blocks+1] numbers of each for chain.c; 0: not used */
   const Int *node_a, *node_b;                            /* [loops] loops */
   const Int *loop_at;                                    /* [loops+1] their rows follow each other */
   const Int *row_kind, *row_number, *row_a, *row_b;      /* [*loop_at] closure rows */
@@ -212,6 +214,10 @@ void sleeve_motion(const Tables *t, Work *w, Lane *value, Lane *rate, Lane *seco
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c);
 void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a,
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c);
+
+/* What of a tangent is wanted: without the rates of second-order rows, with them, and so within the blocks
+   of a chain alone, where M, C and K outside are not written. */
+enum { WITHOUT_RATES, WITH_RATES, WITHIN_BLOCKS };
 
 /* residual.c: of states row by row, and derivatives at one of them. motion: M, C, K and J one after the
    other, residual and second derivatives of the closures at one. */

@@ -44,7 +44,7 @@ typedef struct {
   const Int *kind;                   /* of each stop, see march.c */
   const double *basis, *basis_0;     /* values at the nodes (and at 0) to coefficients of powers */
   const double *last;                /* stages to the last Legendre coefficient */
-  double *tangent_at;                /* M, C, K (nv, nv) and J (rows, nv), one after the other */
+  double *tangent_at;                /* M, C, K (nv, nv), J (rows, nv) and what a chain has, one after the other */
   const Int *measured_at;
   double *weight;                    /* of the norm, (measured, measured) */
   double *input;                     /* (s, columns) */
@@ -61,6 +61,9 @@ typedef struct {
   double idle_from, idle_to, order, first, shortest, held, growth, patience;
   double grain;                      /* lengths of an octave that steps may have; 0: any */
 } March;
+
+/* tangent.c: what blocks of a chain ask of each other, of the last tangent, to where they are kept */
+void pinflex_joined(const Tables *t, char *memory, double *to);
 
 /* inputs.c: all columns at a time */
 void prescribed(const Inputs *in, double time, double *out);
@@ -99,6 +102,7 @@ void body_turn(int flat, const double *move, const double *v, double *out);
 
 /* newton.c */
 int pinflex_factor(const Tables *t, const Stages *st);
+int pinflex_factor_tangent(const Tables *t, Stages *st, const double *M);
 
 /* attempt.c: the step of length h; 0: Newton does not get there. take_inputs: where it starts, and
    what is prescribed at its stages. factor: for a step of length h, where that is not at hand. keep:
@@ -121,7 +125,9 @@ void advance(const Tables *t, March *m);
 int begin(const Tables *t, char *memory, March *m);
 int hold(const Tables *t, char *memory, March *m, const double *held);
 
-static inline Int tangent_width(const Tables *t) { return t->nv * (3 * t->nv + t->closures); }
+static inline Int tangent_width(const Tables *t) {
+  return t->nv * (3 * t->nv + t->closures) + t->joined_at[t->blocks];
+}
 
 static inline void copy(double *to, const double *from, Int n) {
   for (Int i = 0; i < n; i++) to[i] = from[i];

@@ -7,9 +7,11 @@
    (sparsity.c). Coordinates need no pivots of other groups: with mu in the right half plane the real
    part of the matrix over mu is positive definite, but for forces that drive. Where a pivot is small
    nevertheless, all are one group. Factors lie column by column, real parts before imaginary ones. */
+#include "chain.h"
 #include "lu.h"
 #include "march.h"
 #include "sparsity.h"
+#include <stddef.h>
 
 static const double SMALL = 1e-6; /* of its column: a pivot that costs digits */
 
@@ -236,6 +238,28 @@ EXPORT int pinflex_factor(const Tables *t, const Stages *st) {
   return factored(t, st);
 }
 
+/* The same of a tangent: M, C, K (nv, nv), J (rows, nv) and, of a chain, what its blocks ask of each other. */
+EXPORT int pinflex_factor_tangent(const Tables *t, Stages *st, const double *M) {
+  Int n = st->free, nv = t->nv, square = nv * nv;
+  const double *J = M + 3 * square;
+  st->joined = t->joined_at[t->blocks] ? J + nv * t->closures : NULL;
+  if (st->joined) {
+    dense(t, st); /* unknowns in order as they are */
+    st->joined_h = st->h;
+    for (Int e = 0; e < st->values; e++)
+      if (!chain_factors(t, st, e, M)) return 0;
+    return 1;
+  }
+  for (Int i = 0; i < n; i++)
+    for (Int j = 0; j < n; j++) {
+      const double *at = M + st->free_at[i] * nv + st->free_at[j];
+      st->M[i * n + j] = at[0], st->C[i * n + j] = at[square], st->K[i * n + j] = at[2 * square];
+    }
+  for (Int k = 0; k < t->closures; k++)
+    for (Int j = 0; j < n; j++) st->J[k * n + j] = J[k * nv + st->free_at[j]];
+  return pinflex_factor(t, st);
+}
+
 /* Right sides along the eigenvectors, forward times -(r, c / h^2), in order. */
 static void project_stages(const Tables *t, const Stages *st, Int e, const Int *order, double *x,
                            double *y) {
@@ -262,7 +286,8 @@ EXPORT void pinflex_solve(const Tables *t, const Stages *st) {
     double *x = st->part + 2 * e * size, *y = x + size;
     const Int *pivot = st->pivot + e * size;
     project_stages(t, st, e, order, x, y);
-    if (is_real(st, e)) solve(re, size, pivot, x);
+    if (st->joined) chain_solve(t, st, e, x, y);
+    else if (is_real(st, e)) solve(re, size, pivot, x);
     else substitute(re, re + size * size, size, &known, pivot, x, y);
   }
   for (Int k = 0; k < s; k++) {

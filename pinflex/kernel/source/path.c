@@ -42,7 +42,8 @@ Int path_room(const Tables *t) {
   Int deep, wide, rows = 0;
   widths(t, &deep, &wide);
   for (Int b = 0; b < t->blocks; b++) rows += block_lanes(t, b);
-  return LANES * (rows + NUMBERS * (deep + wide) + 9 * wide) + (t->blocks / 8 + 1) * 8;
+  return LANES * (rows + NUMBERS * (deep + wide) + 9 * wide) + (t->blocks / 8 + 1) * 8
+         + t->joined_at[t->blocks];
 }
 
 void path_layout(const Tables *t, double *memory, Path *w) {
@@ -59,11 +60,24 @@ void path_layout(const Tables *t, double *memory, Path *w) {
   w->need = w->moved + NUMBERS * w->deep;
   w->map = w->need + NUMBERS * w->wide;
   w->rows = w->map + 9 * w->wide;
+  w->joined = (double *)(w->rows + rows);
 }
 
-void begin_paths(const Tables *t, Path *w) {
-  w->end = -1;
-  memset(w->rows, 0, w->rows_at[t->blocks] * sizeof(Lane));
+/* First lane of a path that the rows of a block are wanted from. */
+static Int first_lane(const Tables *t, const Path *w, Int block) {
+  return w->within ? t->block_depth[block] / LANES : 0;
+}
+
+void begin_paths(const Tables *t, Path *w, Int within) {
+  w->end = -1, w->within = within;
+  for (Int b = 0; b < t->blocks; b++) {
+    Int n = columns_of(t, b), length = row_lanes(t, b), first = first_lane(t, w, b);
+    Lane *row = w->rows + w->rows_at[b];
+    for (Int k = 0; k < ROWS * n; k++, row += length)
+      memset(row + first, 0, (length - first) * sizeof(Lane));
+    memset(row, 0, OWN * n * lanes_of(n) * sizeof(Lane));
+  }
+  memset(w->joined, 0, t->joined_at[t->blocks] * sizeof(double));
 }
 
 /* From the node before to a node. Rows of the map end in zeros, which fill their lanes. */
@@ -156,11 +170,28 @@ static void meet_columns(const double *f, const Lane *S, Int deep, Int lanes, In
   }
 }
 
+/* What a block needs of those before it, and how that before it moves it: all that a chain has to know. */
+static void join(const Tables *t, Path *w, Int block, int inside) {
+  Int n = columns_of(t, block), above = t->block_above[block];
+  double *to = w->joined + t->joined_at[block];
+  for (Int k = 0; k < n; k++)
+    for (int d = 0; d < NUMBERS; d++)
+      to[NUMBERS * k + d] += ((const double *)(w->need + d * w->wide))[k];
+  if (inside || above < 0) return;
+  Int before = columns_of(t, above);
+  to += NUMBERS * n;
+  for (int d = 0; d < NUMBERS; d++)
+    memcpy(to + before * d, (const double *)(w->moved + d * w->deep) + t->block_depth[above],
+           before * sizeof(double));
+}
+
 void meet(const Tables *t, Path *w, Int block, Int before) {
   Int length = row_lanes(t, block), inside = before >= 0 && t->node_block[before] == block;
   Int lanes = inside ? length : lanes_of(t->block_depth[block]);
-  Lane *row = w->rows + w->rows_at[block];
-  if (lanes == 0) return;
+  Int first = first_lane(t, w, block);
+  Lane *row = w->rows + w->rows_at[block] + first;
+  if (t->joined_at[t->blocks]) join(t, w, block, inside);
+  if (lanes <= first) return;
   for (Int k = 0; k < columns_of(t, block); k++, row += ROWS * length) {
     double f[NUMBERS], most = 0.0;
     for (int d = 0; d < NUMBERS; d++) {
@@ -168,8 +199,8 @@ void meet(const Tables *t, Path *w, Int block, Int before) {
       most += fabs(f[d]);
     }
     if (most == 0.0) continue;
-    meet_rows(f, w->moved, w->deep, lanes, length, row);
-    meet_columns(f, w->moved, w->deep, lanes, length, row + 3 * length);
+    meet_rows(f, w->moved + first, w->deep, lanes - first, length, row);
+    meet_columns(f, w->moved + first, w->deep, lanes - first, length, row + 3 * length);
   }
 }
 
@@ -177,17 +208,18 @@ void meet(const Tables *t, Path *w, Int block, Int before) {
 static void put(const Tables *t, const Path *w, Int block, Int above, double *M, double *C,
                 double *K) {
   Int nv = t->nv, n = columns_of(t, above), to = t->block_at[above];
+  Int rows = columns_of(t, block), first = t->block_at[block];
   Int stride = LANES * row_lanes(t, block);
-  for (Int k = 0; k < columns_of(t, block); k++) {
-    Int row = t->block_at[block] + k;
-    const double *m = (const double *)(w->rows + w->rows_at[block]) + ROWS * stride * k
-                      + t->block_depth[above];
-    for (Int j = 0; j < n; j++) {
-      Int here = row * nv + to + j, there = (to + j) * nv + row;
+  const double *m = (const double *)(w->rows + w->rows_at[block]) + t->block_depth[above];
+  for (Int k = 0; k < rows; k++, m += ROWS * stride)
+    for (Int j = 0, here = (first + k) * nv + to; j < n; j++, here++)
       M[here] += m[j], C[here] += m[stride + j], K[here] += m[2 * stride + j];
-      M[there] += m[j], C[there] += m[3 * stride + j], K[there] += m[4 * stride + j];
+  m -= rows * ROWS * stride;
+  for (Int j = 0; j < n; j++, m++) /* columns of one row together */
+    for (Int k = 0, there = (to + j) * nv + first; k < rows; k++, there++) {
+      const double *at = m + ROWS * stride * k;
+      M[there] += at[0], C[there] += at[3 * stride], K[there] += at[4 * stride];
     }
-  }
 }
 
 /* What the joints of a block need by themselves. */
@@ -204,6 +236,15 @@ static void put_own(const Tables *t, const Path *w, Int block, double *M, double
 void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K) {
   for (Int b = 0; b < t->blocks; b++) {
     put_own(t, w, b, M, C, K);
-    for (Int above = b; above >= 0; above = t->block_above[above]) put(t, w, b, above, M, C, K);
+    for (Int above = b; above >= 0; above = w->within ? -1 : t->block_above[above])
+      put(t, w, b, above, M, C, K);
   }
+}
+
+void clear(const Tables *t, const Path *w, double *M) {
+  Int nv = t->nv;
+  if (!w->within) memset(M, 0, nv * nv * sizeof(double));
+  for (Int b = 0; b < t->blocks && w->within; b++)
+    for (Int i = t->block_at[b]; i < t->block_at[b + 1]; i++)
+      memset(M + i * nv + t->block_at[b], 0, columns_of(t, b) * sizeof(double));
 }

@@ -19,6 +19,8 @@ typedef struct {
   const double *kp, *kd;                             /* gains of motors that are driven */
   double *held;                                      /* forces of a digital controller, or NULL */
   double *M, *C, *K, *J;                             /* free rows and columns, (n, n), (rows, n) */
+  const double *joined;                              /* of a chain in their place, see chain.h */
+  double joined_h;                                   /* of its factors */
   double *lu, *part;                                 /* complex factors and right side */
   Int *pivot;
   double *y0, *v0, *position, *velocity, *feed, *scale; /* the start, the motors, the loads */

@@ -17,6 +17,7 @@
    forces on curved rows times G are added.
    Source: Singh, Russo, Wensing (2022), their B written with moments of momentum. */
 #include "tangent.h"
+#include "group.h"
 #include <string.h>
 
 /* The column of a joint that slides along, or turns about, a direction at a place. */
@@ -283,6 +284,15 @@ void place_columns(const Tables *t, Work *lanes, double *memory, const Lane *y, 
   }
 }
 
+EXPORT void pinflex_joined(const Tables *t, char *memory, double *to) {
+  Work lanes;
+  Group g;
+  Tangent w;
+  lay_out(t, memory, &lanes, &g);
+  tangent_layout(t, g.more, &w);
+  memcpy(to, w.along.joined, t->joined_at[t->blocks] * sizeof(double));
+}
+
 /* The first lane of the states counts. Afterwards r and c hold its residuals. */
 void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
@@ -298,9 +308,8 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
   w.M = M, w.C = C, w.K = K;
-  double *const parts[3] = {M, C, K};
-  for (Int part = 0; part < 3; part++) memset(parts[part], 0, t->nv * t->nv * sizeof(double));
-  begin_paths(t, &w.along);
+  begin_paths(t, &w.along, rates == WITHIN_BLOCKS);
+  clear(t, &w.along, M), clear(t, &w.along, C), clear(t, &w.along, K);
   point_tangent(t, lanes, &w);
   twist_tangent(t, &w);
   node_tangent(t, &w);

@@ -14,8 +14,9 @@ typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
 /* Coordinates side by side: on the path to a node, `end`, and in one block (path.c); room for nine rows
    of a block, and all rows and columns of M, C and K. */
 typedef struct {
-  Int end, deep, wide, *rows_at;
+  Int end, deep, wide, *rows_at, within; /* within: rows of each block alone */
   Lane *moved, *need, *map, *rows;
+  double *joined; /* of each block: needs (columns, 21), and `moved` of the block before, (21, columns) */
 } Path;
 
 /* What a column i needs: I S_i, B S_i + I U_i, B Y_i + I Z_i + S_i x f, and B' S_i. */
@@ -61,7 +62,7 @@ void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, doub
    `stride` lanes from each other), and in the end put into M, C and K. */
 Int path_room(const Tables *t);
 void path_layout(const Tables *t, double *memory, Path *w);
-void begin_paths(const Tables *t, Path *w);
+void begin_paths(const Tables *t, Path *w, Int within);
 void go_to(const Tables *t, Tangent *w, Int node);
 void begin_needs(Path *w);
 void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f);
@@ -69,6 +70,7 @@ void meet(const Tables *t, Path *w, Int block, Int before);
 void add_own(const Tables *t, Path *w, Int block, double scale, const double *left, const Lane *row,
              Int stride);
 void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K);
+void clear(const Tables *t, const Path *w, double *M); /* what these put */
 
 /* point_tangent.c: what mass points need, which their nodes carry */
 void point_tangent(const Tables *t, const Work *lanes, Tangent *w);

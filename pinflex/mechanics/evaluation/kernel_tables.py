@@ -260,6 +260,7 @@ def tables(system: System) -> Tables:
         **_loops(closed, node_of), **strain_tables(system), **_beside(system, node_of),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
+    arrays |= _chain(system, arrays)
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
     counts = {
         "nq": system.nq, "nv": system.nv, "nq_rigid": int(system.rigid.nq), "nv_rigid": nv_rigid,
@@ -443,6 +444,33 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
         "block_of": of, "block_at": np.append(starts, ends[-1]), "block_above": above,
         "block_depth": depth, "node_block": path[nodes],
     }  # fmt: skip
+
+
+_LONG = 40.0  # coordinates before a block, from which elimination block by block pays
+
+
+def _chain(system: System, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Numbers that each block has in a tree which is eliminated block by block (`chain.c`).
+
+    None of them where blocks see each other by more than their path, or where paths are short.
+    """
+    of, above, depth = (arrays[f"block_{name}"] for name in ("at", "above", "depth"))
+    n, loads, closed = np.diff(of).astype(np.intp), system.loads, system.closed
+    order, none = np.argsort(depth, kind="stable"), np.zeros(len(n) + 1, dtype=np.intp)
+    block = np.repeat(np.arange(len(n)), n)
+    at = np.append(0, np.cumsum(n**2 + 15 * n + 69))  # see `Block` in chain.c
+    crossed = closed.n or loads.present or system.added.joints or system.kinks.rows
+    # Room of the factors, and `chain_room`.
+    small = at[-1] + 4 * system.nv > system.n_eta**2
+    if (
+        crossed
+        or small
+        or depth @ n < _LONG * system.nv
+        or any(np.any(block[i] != block[j]) for i, j in map(np.nonzero, (system.D, system.K)))
+    ):
+        return {"block_order": order, "joined_at": none, "chain_at": none}
+    joined = np.append(0, np.cumsum(21 * (n + np.where(above < 0, 0, n[above]))))
+    return {"block_order": order, "joined_at": joined, "chain_at": at}
 
 
 def _sparse(matrix: Array, name: str) -> dict[str, Any]:

@@ -4,6 +4,9 @@ Claims:
     Equations
     - Newton's equations of a step, arms side by side, full, a massless coordinate | the equations
       of all stages, by numpy | 1e-13 of the largest term | 3e-15
+    - two long branches behind a long link, eliminated block by block | the same | 1e-12 of the
+      largest term | 5e-14
+    - torques of such a tree with elbows | the run by full matrices | 1e-11 | 1e-15
 """
 
 from __future__ import annotations
@@ -15,8 +18,10 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled import sorts_of
-from pinflex.kernel.library import kernel
+from pinflex.kernel.library import constant, kernel
 from pinflex.kernel.march import Rows, Scheme, StageKernel
+from pinflex.lab.scene import Body, scene
+from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.evaluation.compiled import Compiled
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
@@ -73,3 +78,74 @@ def test_all_stages_are_solved_as_by_the_whole_matrix(kind: str) -> None:
         # round-off of the largest term, and of a hundred that are summed up
         assert left == pytest.approx(-r, abs=1e-13 * np.abs(first).max())
         assert dz @ x["J"].T == pytest.approx(-gap / H**2, abs=1e-12 / H**2)
+
+
+LINK = """
+  {name}:
+    material: {{E: 7.0e10, nu: 0.3, rho: 2700}}
+    section: {{shape: rectangle, width: 0.02, thickness: 0.004}}
+    segments: {segments}
+    basis: {{kind: craig_bampton, internal: 0}}
+"""
+
+
+def branched(segments: int) -> pf.Mechanism:
+    """A link with an elbow at its end, to which two links are fixed by elbows of their own."""
+    bodies, names = [], ("arm", "left", "right")
+    for name, parent, x in (("arm", "base", 0.0), ("left", "arm", 0.5), ("right", "arm", 0.5)):
+        bodies.append(Body(name, parent, "revolute", (x, 0, 0), axis=(0, 0.6, 0.8)))
+        if name != "arm":
+            bodies.append(Body(f"{name}_tip", name, xyz=(0.4, 0.1, 0), mass=0.1))
+    links = "".join(LINK.format(name=name, segments=segments) for name in names)
+    moves = ", ".join(f"{name}_joint: 0.3" for name in names)
+    motion = f"motion: {{kind: cycloid, joints: {{{moves}}}, duration: 0.2}}\n"
+    return scene(
+        "branched", bodies, f"flexible:{links}damping: {{rayleigh: [0, 1.0e-4]}}\n{motion}"
+    )
+
+
+@pytest.mark.parametrize("stages", [4, 5])  # pairs of eigenvalues; and a real one
+def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
+    """Of a tangent within its blocks, and what these ask of each other."""
+    robot = branched(9)
+    system, m, none = robot.flexible, radau(stages), np.zeros(0, dtype=np.intp)
+    free = np.setdiff1d(system.free, system.motors)
+    scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
+    steps = StageKernel(
+        Compiled(system).evaluator, scheme, Rows(False, free, none, none, none, *sorts_of(system))
+    )
+    nv, x, of = system.nv, steps._keep[1].arrays, steps.functions
+    assert steps.counts["joined"] > 0
+    rng = np.random.default_rng(2)
+    y = robot.undeformed() + 1e-3 * rng.normal(size=system.nq)
+    v, a = rng.normal(size=(2, nv))
+    state = [z.ctypes.data for z in (y, v, a, none.astype(float), none.astype(float))]
+    found = np.full((2, 3 * nv * nv + steps.counts["joined"]), np.nan)
+    for part, wanted in zip(found, ("WITH_RATES", "WITHIN_BLOCKS"), strict=True):
+        at = [part.ctypes.data + 8 * nv * nv * k for k in (0, 1, 2, 3)]
+        of.pinflex_tangent(steps.tables, steps.work, constant(wanted), *state, *at)
+        of.pinflex_joined(steps.tables, steps.work, at[3])
+    assert np.array_equal(found[0, 3 * nv * nv :], found[1, 3 * nv * nv :])
+    assert np.isnan(found[1]).sum() > nv * nv  # what is outside the blocks was not written
+    steps._structure.h = H
+    r = rng.normal(size=(stages, len(free)))
+    x["r"][:, free] = r
+    assert of.pinflex_factor_tangent(steps.tables, steps.address, found[1].ctypes.data)
+    of.pinflex_solve(steps.tables, steps.address)
+    M, C, K = (A[np.ix_(free, free)] for A in found[0, : 3 * nv * nv].reshape(3, nv, nv))
+    dz, inverse = x["change"][:, free], np.linalg.inv(m.A)
+    terms = inverse @ inverse @ dz @ M.T, H * inverse @ dz @ C.T, H**2 * dz @ K.T
+    # Round-off of sums along the whole length, of some 200 terms.
+    assert sum(terms) == pytest.approx(-r, abs=1e-12 * max(np.abs(z).max() for z in terms))
+
+
+def test_a_long_tree_runs_as_by_full_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps, their corrections and the torques of motors."""
+    torque = []
+    for most in (kernel_tables._LONG, np.inf):
+        monkeypatch.setattr(kernel_tables, "_LONG", most)
+        robot = branched(9)
+        assert (robot.flexible.tables.arrays["joined_at"][-1] > 0) == np.isfinite(most)
+        torque.append(pf.solve(robot, level="coupled", until=0.02, tol=1e-3, samples=11).torque)
+    # Round-off of their matrices; the last correction of Newton is not looked at closer.
+    assert torque[0] == pytest.approx(torque[1], abs=1e-11 * np.abs(torque[1]).max())
