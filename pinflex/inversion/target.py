@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from pinflex.arrays import Array, IntArray, spans
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.errors import ConvergenceError, DescriptionError, MotionError
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError, PinflexError
 from pinflex.mechanics.assembly import independent_rows
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates
@@ -141,43 +141,74 @@ def _by_motors(mechanism: Mechanism, closed: Array, J: Array) -> Array:
 
 # What a command asks of motors, against what they can do: URDF limits and limit curves.
 
+_SLOWER = 5  # commands of slower motions that are tried, the most
+_ROOM = 1.002  # times as slow as the last one asks for: limits are met from below
+Use = tuple[float, float, str, str]  # share of a limit, power by which slowness lowers it; in words
 
-def require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    """Refuse torques and speeds of joints beyond the URDF's."""
+
+def require_within_limits(
+    mechanism: Mechanism, found: Command, duration: float, slower: Callable[[float], Command]
+) -> None:
+    """Refuse what is beyond the URDF's torques and speeds, or beyond the limit curve of a drive.
+
+    `slower`: the command of the motion, so many times as long as `duration` [s].
+    """
+    share, _, joint, words = _largest_use(mechanism, found)
+    if share <= 1.0:
+        return
+    times = _times_as_long(mechanism, found, slower)
+    kept = f" to {times * duration:.4g} s, which keeps its limits" if times else ""
+    raise MotionError(
+        f"{mechanism.name}: command: {joint} {words}. Slow the motion down{kept}, or lift the "
+        "check (limited=False, --beyond-limits).",
+        joint=joint,
+    )
+
+
+def _times_as_long(
+    mechanism: Mechanism, found: Command, slower: Callable[[float], Command]
+) -> float | None:
+    """How many times as long a motion keeps the limits, a little more than need be."""
+    times = 1.0
+    for _ in range(_SLOWER):
+        share, power, *_ = _largest_use(mechanism, found)
+        if share <= 1.0:
+            return times
+        times *= _ROOM * min(share**power, 3.0)
+        try:
+            found = slower(times)
+        except PinflexError:
+            return None
+    return None
+
+
+def _largest_use(mechanism: Mechanism, found: Command) -> Use:
+    """Of a limit."""
+    uses: list[Use] = [(0.0, 1.0, "", "")]
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
-        limit = known.get(name, Limits())
-        speed = "m/s" if found.units[k] == "N" else "rad/s"
-        for values, most, unit, what in (
-            (found.torque[:, k], limit.effort, found.units[k], "effort"),
-            (found.velocity[:, k], limit.velocity, speed, "velocity"),
+        limit, speed = known.get(name, Limits()), "m/s" if found.units[k] == "N" else "rad/s"
+        for values, most, unit, what, power in (
+            (found.torque[:, k], limit.effort, found.units[k], "effort", 0.5),
+            (found.velocity[:, k], limit.velocity, speed, "velocity", 1.0),
         ):
             at = int(np.argmax(np.abs(values)))
-            if 0.0 < most < abs(values[at]):
-                raise MotionError(
-                    f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
-                    f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "
-                    "down, or lift the check (limited=False, --beyond-limits).",
-                    joint=name,
-                )
-
-
-def require_within_curves(mechanism: Mechanism, found: Command) -> None:
-    """Refuse what is beyond the limit curve of a drive."""
+            size = abs(float(values[at]))
+            words = (
+                f"needs {size:.4g} {unit} at t = {found.t[at]:.4g} s, the URDF's {what} limit is "
+                f"{most:g}"
+            )
+            if most > 0.0:
+                uses.append((size / most, power, name, words))
     for name, side in found.drives.items():
         curve = np.array(found.limit_curves[name])
-        if not len(curve):
-            continue
-        used = share_of_limit(curve, side["motor_speed"], side["motor_torque"])
-        if used > 1.0:
+        if len(curve):
+            used = share_of_limit(curve, side["motor_speed"], side["motor_torque"])
             fastest = float(np.max(np.abs(side["motor_speed"])))
-            raise MotionError(
-                f"{mechanism.name}: command: {name} needs "
-                + (f"{100 * used:.0f} % of its motor's" if np.isfinite(used) else "more than its")
-                + f" limit_curve; its motor turns at up to {fastest:.4g} rad/s. Slow the motion "
-                "down, or lift the check (limited=False, --beyond-limits).",
-                joint=name,
-            )
+            much = f"{100 * used:.0f} % of its motor's" if np.isfinite(used) else "more than its"
+            words = f"needs {much} limit_curve; its motor turns at up to {fastest:.4g} rad/s"
+            uses.append((used, 1.0, name, words))
+    return max(uses, key=lambda use: use[0])
 
 
 # The equations of one instant of a flexible mechanism whose platform follows a path.
