@@ -109,7 +109,7 @@ class Fastest:
         return text(self)
 
     def baselines(self, progress: Callable[[str], None] | None = None) -> tuple[Any, ...]:
-        """Quintic, trapezoid and jerk-limited profiles, plain and shaped, under the same limits."""
+        """Quintic, trapezoid, jerk-limited, plain and shaped, and exact commands: same limits."""
         from pinflex.quickest.baselines import baselines
 
         return baselines(self, progress)
@@ -256,7 +256,7 @@ def _task(
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
     first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow), _ROUGH)
-    rest = np.array([rest_of(x, path) for x, path in zip(models.values(), rigid, strict=True)])
+    rest = np.array([rest_of(x, path.end) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     every = tuple(models.values())
     return Task(target, moves, limits, band, every, rigid, rest, box, pushed), first, bound
@@ -291,9 +291,9 @@ def _slowest(rigid: RigidPath, limits: Limits) -> float:
     return high
 
 
-def rest_of(mechanism: Mechanism, path: RigidPath) -> Array:
-    """Where the platform comes to rest, shape (3,)."""
-    found = static_equilibrium(mechanism, path.end)
+def rest_of(mechanism: Mechanism, pose: Array) -> Array:
+    """Where the platform rests when the rigid robot would at a pose, shape (3,)."""
+    found = static_equilibrium(mechanism, pose)
     frame = mechanism.frame(str(mechanism.description.platform))
     dynamics = Equations(mechanism.flexible)
     return np.array(frame_pose(dynamics, found.y, frame).translation)
