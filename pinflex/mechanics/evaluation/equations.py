@@ -36,13 +36,13 @@ from pinflex.mechanics.evaluation.compiled import (
     serves,
 )
 from pinflex.mechanics.model.strain import Strain
-from pinflex.mechanics.model.system import System
 from pinflex.mechanics.reference.evaluator import Configuration, Reference
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.slider import Sleeve
+    from pinflex.mechanics.model.system import System
 
 
 # Rigid motions kept with their mechanism: whatever runs, compares or draws asks for the same.
