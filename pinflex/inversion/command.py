@@ -471,19 +471,17 @@ def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:
             f"{mechanism.name}: command: the motion moves nothing. Give a motion of the platform "
             "or of the joints."
         )
-    fastest, edge = np.max(np.abs(v), axis=0), np.maximum(np.abs(v[0]), np.abs(v[-1]))
-    for name, most, end in zip(motion.names, fastest, edge, strict=True):
-        if end > _AT_REST * most:
+    ends = (np.maximum(np.abs(x[0]), np.abs(x[-1])) for x in (v, a))
+    jumps = np.max(np.abs(np.diff(a, axis=0)), axis=0)
+    each = (np.max(np.abs(v), axis=0), np.max(np.abs(a), axis=0), *ends, jumps)
+    for name, fastest, size, end, edge, jump in zip(motion.names, *each, strict=True):
+        if end > _AT_REST * fastest:
             raise MotionError(
                 f"{mechanism.name}: command: the speed of {name} jumps where a {motion.kind} "
-                f"motion begins or ends ({end:.3g} of at most {most:.3g}, SI). Take a motion from "
-                "rest to rest: cycloid, quintic or nonic, or samples of one."
+                f"motion begins or ends ({end:.3g} of at most {fastest:.3g}, SI). Take a motion "
+                "from rest to rest: cycloid, quintic or nonic, or samples of one."
             )
-    size = np.max(np.abs(a), axis=0)
-    jump = np.max(np.abs(np.diff(a, axis=0)), axis=0)
-    edge = np.maximum(np.abs(a[0]), np.abs(a[-1]))
-    for name, most, inside, end in zip(motion.names, size, jump, edge, strict=True):
-        if most > 0.0 and max(inside, end) > 0.2 * most:
+        if size > 0.0 and max(jump, edge) > 0.2 * size:
             raise MotionError(
                 f"{mechanism.name}: command: the acceleration of {name} jumps in a "
                 f"{motion.kind} motion, and no motor makes a flexible robot follow that. Take a "

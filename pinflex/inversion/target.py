@@ -18,6 +18,7 @@ from pinflex.errors import ConvergenceError, DescriptionError, MotionError, Pinf
 from pinflex.mechanics.assembly import independent_rows
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.drives import share_of_limit
 
@@ -143,7 +144,6 @@ def _by_motors(mechanism: Mechanism, closed: Array, J: Array) -> Array:
 
 _SLOWER = 5  # commands of slower motions that are tried, the most
 _ROOM = 1.002  # times as slow as the last one asks for: limits are met from below
-Use = tuple[float, float, str, str]  # share of a limit, power by which slowness lowers it; in words
 
 
 def require_within_limits(
@@ -153,38 +153,28 @@ def require_within_limits(
 
     `slower`: the command of the motion, so many times as long as `duration` [s].
     """
-    share, _, joint, words = _largest_use(mechanism, found)
-    if share <= 1.0:
-        return
-    times = _times_as_long(mechanism, found, slower)
-    kept = f" to {times * duration:.4g} s, which keeps its limits" if times else ""
-    raise MotionError(
-        f"{mechanism.name}: command: {joint} {words}. Slow the motion down{kept}, or lift the "
-        "check (limited=False, --beyond-limits).",
-        joint=joint,
-    )
-
-
-def _times_as_long(
-    mechanism: Mechanism, found: Command, slower: Callable[[float], Command]
-) -> float | None:
-    """How many times as long a motion keeps the limits, a little more than need be."""
-    times = 1.0
-    for _ in range(_SLOWER):
-        share, power, *_ = _largest_use(mechanism, found)
-        if share <= 1.0:
-            return times
+    share, power, joint, words = _largest_use(mechanism, found)
+    times, kept = 1.0, ""
+    for _ in range(_SLOWER if share > 1.0 else 0):
         times *= _ROOM * min(share**power, 3.0)
         try:
-            found = slower(times)
+            share, power, *_ = _largest_use(mechanism, slower(times))
         except PinflexError:
-            return None
-    return None
+            break  # none that can be had
+        if share <= 1.0:
+            kept = f" to {times * duration:.4g} s, which keeps its limits"
+            break
+    if times > 1.0:
+        raise MotionError(
+            f"{mechanism.name}: command: {joint} {words}. Slow the motion down{kept}, or lift the "
+            "check (limited=False, --beyond-limits).",
+            joint=joint,
+        )
 
 
-def _largest_use(mechanism: Mechanism, found: Command) -> Use:
-    """Of a limit."""
-    uses: list[Use] = [(0.0, 1.0, "", "")]
+def _largest_use(mechanism: Mechanism, found: Command) -> tuple[float, float, str, str]:
+    """Share of a limit, the power of it by which to slow down, the joint, in words."""
+    uses = [(0.0, 1.0, "", "")]
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
         limit, speed = known.get(name, Limits()), "m/s" if found.units[k] == "N" else "rad/s"
@@ -336,6 +326,7 @@ class _Balance:
 
     def __init__(self, instant: Instant, guess: Balanced, v: Array, a: Array) -> None:
         self.instant, self.guess, self.v, self.a = instant, guess, v, a
+        self._manifold = Manifold(instant.dynamics)
         self.y, self.lam, self.torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
         self._inverse: Array | None = None
         self._lacked = np.zeros(instant.system.nv + instant.rows)  # by the guess, at the last one
@@ -364,7 +355,7 @@ class _Balance:
     def _settles(self, at: IntArray) -> bool:
         """Whether a span of instants is balanced; then it is kept."""
         guess, n = self.guess, self.instant.system.nv
-        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
+        y = self._manifold.retract(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
         lam = guess.lam[at] + self._lacked[n:]
         v, a, last, rate, middle = self.v[at], self.a[at], np.inf, 0.0, len(y) // 2
         e, torque = self.instant.residuals(at, y, v, a, lam)
@@ -379,7 +370,7 @@ class _Balance:
             if not size < 1e3:  # not a number either
                 break
             step *= min(1.0, _LONGEST / max(size, 1e-300))
-            y, lam = self._moved(y, step[:, :n]), lam + step[:, n:]
+            y, lam = self._manifold.retract(y, step[:, :n]), lam + step[:, n:]
             e, torque = self.instant.residuals(at, y, v, a, lam)
             rate = size / last
             left = size * rate if 0.0 < rate < _SLOW else size  # what the next correction would be
@@ -397,12 +388,6 @@ class _Balance:
         n, last = self.instant.system.nv, at[-1]
         self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
         self._lacked[n:] = lam[-1] - self.guess.lam[last]
-
-    def _moved(self, y: Array, moves: Array) -> Array:
-        d = self.instant.dynamics
-        if d.vector_space:
-            return y + moves
-        return np.array([d.integrate(*pair) for pair in zip(y, moves, strict=True)])
 
 
 def _square(found: Tangents) -> Array:

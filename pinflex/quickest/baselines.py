@@ -18,23 +18,25 @@ from pinflex.description.motions import laws
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
-from pinflex.errors import ConvergenceError
+from pinflex.errors import PinflexError
 from pinflex.levels.modes import modes, ringing
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.fastest import Fastest
-from pinflex.quickest.limits import RigidPath
+from pinflex.quickest.limits import RigidPath, slowness
 from pinflex.quickest.response import settled
 from pinflex.results.result import Result
 
 _COMMANDS = {"exact command, quintic": laws.quintic, "exact command, nonic": laws.nonic}
+_RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
+_SHAPES: dict[str, Callable[[np.ndarray], Kinematics]] = {
+    "quintic": laws.quintic, "trapezoid": partial(laws.trapezoid, _RAMP), **_COMMANDS,
+}  # fmt: skip
 PROFILES = ("quintic", "trapezoid", "jerk-limited", *_COMMANDS)
 SHAPERS = ("", "zv", "zvd", "ei")
 _TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
 _SUDDEN = 1e9  # jerk over acceleration [1/s] where no jerk is limited
-_RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
 _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
-_ROUND = 1e-6  # of a limit that a profile just reaches
 _TRIES = 3
 _HEARD = 2  # modes that shapers cancel, at the most
 _STILL = 1e-6  # of their top speed, below which the motors of a command rest
@@ -94,8 +96,10 @@ def baselines(
 
             try:
                 rows.append(_row(name, found, make, rigid, period, kind in _COMMANDS))
-            except ConvergenceError as failed:  # a command may not settle: it is left out
-                (progress or (lambda line: None))(str(failed))
+            except PinflexError as failed:
+                if kind not in _COMMANDS:
+                    raise
+                (progress or (lambda line: None))(f"left out: {failed}")
     return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
 
 
@@ -120,7 +124,7 @@ def _row(
 
     nominal, room, slower = found.models["nominal"], 1.0, 1.0
     for _ in range(_TRIES):
-        slower = _slowness(found, make, rigid, room)
+        slower = slowness(rigid, found.limits, found.moves, make, room)
         motion = make(slower)
         motion, end = _command(nominal, motion) if followed else (motion, motion.duration)
         seen = settled(nominal, motion, rest(nominal), found.band, end, period, _TOL)
@@ -154,32 +158,6 @@ def _from(law: Callable[[np.ndarray], Kinematics], begin: float, t: np.ndarray) 
     return law(t + begin)
 
 
-def _slowness(
-    found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, room: float
-) -> float:
-    """By how much slower than a second a profile is, for the limits of the rigid robot."""
-    limits = found.limits
-    at = int(np.argmax(np.abs([*found.moves.values()])))
-    far = [*found.moves.values()][at]
-
-    def used(slower: float) -> float:
-        motion = make(slower)
-        t = np.linspace(0.0, motion.duration, _PLACES)
-        s, v, a = (x[:, at] / far for x in motion.evaluate(t))
-        tau = rigid.torque(s, v, a)[0]
-        turn = np.abs(rigid.motor_speed(s) * v[:, None])
-        return max(float(np.max(np.abs(tau) / limits.torque)) / room,
-                   float(np.max(turn / limits.motor_speed)),
-                   float(np.max(np.abs(v)) / limits.speed),
-                   float(np.max(np.abs(a)) / limits.acceleration))  # fmt: skip
-
-    low, high = 1e-3, 1e3
-    while high / low > 1.0 + 1e-5:
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if used(middle) > 1.0 + _ROUND else (low, middle)
-    return high
-
-
 def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
     """A plain profile; of a jerk-limited one up to a top speed, `slower` lowers accelerations."""
     names, far = tuple(found.moves), np.array([*found.moves.values()])
@@ -190,11 +168,7 @@ def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
         corners = tuple(ramps.knots[1:-1].tolist())
         end = float(ramps.knots[-1])
         return Motion(kind, found.target, names, end, ramps, corners=corners)
-    smooth = {"quintic": laws.quintic, **_COMMANDS}.get(kind)
-    if smooth is not None:
-        law = partial(laws.move, smooth, far, slower)
-        return Motion(kind, found.target, names, slower, law)
-    shape = partial(laws.trapezoid, _RAMP)
-    corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
-    return Motion("trapezoidal", found.target, names, slower,
-                  partial(laws.move, shape, far, slower), corners=corners)  # fmt: skip
+    law = partial(laws.move, _SHAPES[kind], far, slower)
+    if kind == "trapezoid":
+        corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
+    return Motion(kind, found.target, names, slower, law, corners=corners)
