@@ -16,6 +16,7 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
+from pinflex.description.trajectories.waypoints import slowed
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
 from pinflex.integrators.problem import Run
@@ -24,7 +25,6 @@ from pinflex.inversion.on_grid import Answer, Poles, instants_over, internal_pol
 from pinflex.inversion.target import (
     Balanced,
     Instant,
-    require_within_curves,
     require_within_limits,
     target,
 )
@@ -271,8 +271,8 @@ def command(
         The command. Its `motion` goes into `solve`, with `start="static"`.
     Raises:
         DescriptionError: No platform, no flexible link, an unknown coordinate or level.
-        MotionError: A path with jumps in its acceleration, beyond reach, or beyond what the URDF
-            lets the motors do.
+        MotionError: A path with jumps in its acceleration, beyond reach, or beyond what the motors
+            may do: it says how long the motion must take.
         ConvergenceError: No motor motion found.
     Source: see `pinflex.inversion.on_grid` and `pinflex.inversion.exact`.
     """
@@ -293,6 +293,11 @@ def command(
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
     n = instants or int(np.clip(over * span / motion.duration, _LEAST, _MOST))
     on = partial(_on_grid, mechanism, motion, level, held, poles, (ahead, behind))
+
+    def slower(times: float) -> Command:
+        return command(mechanism, slowed(motion, times), level, coordinates=coordinates,
+                       before=before, after=after, instants=instants, limited=False)  # fmt: skip
+
     best, answer = np.inf, None
     while True:
         found, answer, _ = on(n, answer)
@@ -313,8 +318,7 @@ def command(
             )
         best, n = missed, min(int(_REFINED * n), _MOST)
     if limited:
-        require_within_limits(mechanism, found)
-        require_within_curves(mechanism, found)
+        require_within_limits(mechanism, found, motion.duration, slower)
     return found
 
 
@@ -467,19 +471,17 @@ def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:
             f"{mechanism.name}: command: the motion moves nothing. Give a motion of the platform "
             "or of the joints."
         )
-    fastest, edge = np.max(np.abs(v), axis=0), np.maximum(np.abs(v[0]), np.abs(v[-1]))
-    for name, most, end in zip(motion.names, fastest, edge, strict=True):
-        if end > _AT_REST * most:
+    ends = (np.maximum(np.abs(x[0]), np.abs(x[-1])) for x in (v, a))
+    jumps = np.max(np.abs(np.diff(a, axis=0)), axis=0)
+    each = (np.max(np.abs(v), axis=0), np.max(np.abs(a), axis=0), *ends, jumps)
+    for name, fastest, size, end, edge, jump in zip(motion.names, *each, strict=True):
+        if end > _AT_REST * fastest:
             raise MotionError(
                 f"{mechanism.name}: command: the speed of {name} jumps where a {motion.kind} "
-                f"motion begins or ends ({end:.3g} of at most {most:.3g}, SI). Take a motion from "
-                "rest to rest: cycloid, quintic or nonic, or samples of one."
+                f"motion begins or ends ({end:.3g} of at most {fastest:.3g}, SI). Take a motion "
+                "from rest to rest: cycloid, quintic or nonic, or samples of one."
             )
-    size = np.max(np.abs(a), axis=0)
-    jump = np.max(np.abs(np.diff(a, axis=0)), axis=0)
-    edge = np.maximum(np.abs(a[0]), np.abs(a[-1]))
-    for name, most, inside, end in zip(motion.names, size, jump, edge, strict=True):
-        if most > 0.0 and max(inside, end) > 0.2 * most:
+        if size > 0.0 and max(jump, edge) > 0.2 * size:
             raise MotionError(
                 f"{mechanism.name}: command: the acceleration of {name} jumps in a "
                 f"{motion.kind} motion, and no motor makes a flexible robot follow that. Take a "

@@ -28,6 +28,7 @@ from pinflex.actuation.drive import breaks, nominal
 from pinflex.actuation.path import MotorAxes, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
+from pinflex.description.trajectories.profiles import hermite
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.inversion.saddle import Saddle
@@ -122,31 +123,16 @@ def spline(t: Array, position: Array) -> Callable[..., Array]:
     _, _, found, info = lapack().dgbsv(3, 3, band, right, overwrite_ab=1, overwrite_b=1)
     if info:
         raise np.linalg.LinAlgError(f"dgbsv: info {info}")
-    known = position, found[0::2], found[1::2]
-    # coefficients of powers of the time in a piece, over h
-    pieces = np.stack([x for part in known for x in (part[:-1], part[1:])])
-    powers = np.einsum("cp,pkm->ckm", _POWERS, pieces)
+    powers = hermite(t, position, found[0::2] / h, found[1::2] / h**2)
 
     def at(times: Array, order: int = 0) -> Array:
         left = np.clip(((times - t[0]) / h).astype(np.intp), 0, n - 2)
-        part = ((times - t[left]) / h)[:, None]
-        value = np.zeros((len(times), position.shape[1]))
+        since, value = (times - t[left])[:, None], np.zeros((len(times), position.shape[1]))
         for c in range(5, order - 1, -1):
-            value = value * part + np.prod(np.arange(c, c - order, -1.0)) * powers[c, left]
-        return np.asarray(value / h**order)
+            value = value * since + np.prod(np.arange(c, c - order, -1.0)) * powers[left, c]
+        return value
 
     return at
-
-
-# A quintic of u in [0, 1] by its ends (x0, x1, v0, v1, a0, a1), coefficient by coefficient.
-_POWERS = np.array([
-    [1, 0, 0, 0, 0, 0],
-    [0, 0, 1, 0, 0, 0],
-    [0, 0, 0, 0, 0.5, 0],
-    [-10, 10, -6, -4, -1.5, 0.5],
-    [15, -15, 8, 7, 1.5, -1],
-    [-6, 6, -3, -3, -0.5, 0.5],
-])  # fmt: skip
 
 
 _HELD = 1e8  # weight of rest at the start over that of a deviation elsewhere

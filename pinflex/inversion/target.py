@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,11 @@ from pinflex.arrays import Array, IntArray, spans
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.errors import ConvergenceError, DescriptionError, MotionError
+from pinflex.errors import ConvergenceError, DescriptionError, MotionError, PinflexError
 from pinflex.mechanics.assembly import independent_rows
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.drives import share_of_limit
 
@@ -141,43 +142,63 @@ def _by_motors(mechanism: Mechanism, closed: Array, J: Array) -> Array:
 
 # What a command asks of motors, against what they can do: URDF limits and limit curves.
 
+_SLOWER = 5  # commands of slower motions that are tried, the most
+_ROOM = 1.002  # times as slow as the last one asks for: limits are met from below
 
-def require_within_limits(mechanism: Mechanism, found: Command) -> None:
-    """Refuse torques and speeds of joints beyond the URDF's."""
+
+def require_within_limits(
+    mechanism: Mechanism, found: Command, duration: float, slower: Callable[[float], Command]
+) -> None:
+    """Refuse what is beyond the URDF's torques and speeds, or beyond the limit curve of a drive.
+
+    `slower`: the command of the motion, so many times as long as `duration` [s].
+    """
+    share, power, joint, words = _largest_use(mechanism, found)
+    times, kept = 1.0, ""
+    for _ in range(_SLOWER if share > 1.0 else 0):
+        times *= _ROOM * min(share**power, 3.0)
+        try:
+            share, power, *_ = _largest_use(mechanism, slower(times))
+        except PinflexError:
+            break  # none that can be had
+        if share <= 1.0:
+            kept = f" to {times * duration:.4g} s, which keeps its limits"
+            break
+    if times > 1.0:
+        raise MotionError(
+            f"{mechanism.name}: command: {joint} {words}. Slow the motion down{kept}, or lift the "
+            "check (limited=False, --beyond-limits).",
+            joint=joint,
+        )
+
+
+def _largest_use(mechanism: Mechanism, found: Command) -> tuple[float, float, str, str]:
+    """Share of a limit, the power of it by which to slow down, the joint, in words."""
+    uses = [(0.0, 1.0, "", "")]
     known = limits(mechanism.description.urdf_text)
     for k, name in enumerate(mechanism.description.actuated):
-        limit = known.get(name, Limits())
-        speed = "m/s" if found.units[k] == "N" else "rad/s"
-        for values, most, unit, what in (
-            (found.torque[:, k], limit.effort, found.units[k], "effort"),
-            (found.velocity[:, k], limit.velocity, speed, "velocity"),
+        limit, speed = known.get(name, Limits()), "m/s" if found.units[k] == "N" else "rad/s"
+        for values, most, unit, what, power in (
+            (found.torque[:, k], limit.effort, found.units[k], "effort", 0.5),
+            (found.velocity[:, k], limit.velocity, speed, "velocity", 1.0),
         ):
             at = int(np.argmax(np.abs(values)))
-            if 0.0 < most < abs(values[at]):
-                raise MotionError(
-                    f"{mechanism.name}: command: {name} needs {abs(values[at]):.4g} {unit} at t = "
-                    f"{found.t[at]:.4g} s, the URDF's {what} limit is {most:g}. Slow the motion "
-                    "down, or lift the check (limited=False, --beyond-limits).",
-                    joint=name,
-                )
-
-
-def require_within_curves(mechanism: Mechanism, found: Command) -> None:
-    """Refuse what is beyond the limit curve of a drive."""
+            size = abs(float(values[at]))
+            words = (
+                f"needs {size:.4g} {unit} at t = {found.t[at]:.4g} s, the URDF's {what} limit is "
+                f"{most:g}"
+            )
+            if most > 0.0:
+                uses.append((size / most, power, name, words))
     for name, side in found.drives.items():
         curve = np.array(found.limit_curves[name])
-        if not len(curve):
-            continue
-        used = share_of_limit(curve, side["motor_speed"], side["motor_torque"])
-        if used > 1.0:
+        if len(curve):
+            used = share_of_limit(curve, side["motor_speed"], side["motor_torque"])
             fastest = float(np.max(np.abs(side["motor_speed"])))
-            raise MotionError(
-                f"{mechanism.name}: command: {name} needs "
-                + (f"{100 * used:.0f} % of its motor's" if np.isfinite(used) else "more than its")
-                + f" limit_curve; its motor turns at up to {fastest:.4g} rad/s. Slow the motion "
-                "down, or lift the check (limited=False, --beyond-limits).",
-                joint=name,
-            )
+            much = f"{100 * used:.0f} % of its motor's" if np.isfinite(used) else "more than its"
+            words = f"needs {much} limit_curve; its motor turns at up to {fastest:.4g} rad/s"
+            uses.append((used, 1.0, name, words))
+    return max(uses, key=lambda use: use[0])
 
 
 # The equations of one instant of a flexible mechanism whose platform follows a path.
@@ -305,6 +326,7 @@ class _Balance:
 
     def __init__(self, instant: Instant, guess: Balanced, v: Array, a: Array) -> None:
         self.instant, self.guess, self.v, self.a = instant, guess, v, a
+        self._manifold = Manifold(instant.dynamics)
         self.y, self.lam, self.torque = (np.array(x) for x in (guess.y, guess.lam, guess.torque))
         self._inverse: Array | None = None
         self._lacked = np.zeros(instant.system.nv + instant.rows)  # by the guess, at the last one
@@ -333,7 +355,7 @@ class _Balance:
     def _settles(self, at: IntArray) -> bool:
         """Whether a span of instants is balanced; then it is kept."""
         guess, n = self.guess, self.instant.system.nv
-        y = self._moved(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
+        y = self._manifold.retract(guess.y[at], np.tile(self._lacked[:n], (len(at), 1)))
         lam = guess.lam[at] + self._lacked[n:]
         v, a, last, rate, middle = self.v[at], self.a[at], np.inf, 0.0, len(y) // 2
         e, torque = self.instant.residuals(at, y, v, a, lam)
@@ -348,7 +370,7 @@ class _Balance:
             if not size < 1e3:  # not a number either
                 break
             step *= min(1.0, _LONGEST / max(size, 1e-300))
-            y, lam = self._moved(y, step[:, :n]), lam + step[:, n:]
+            y, lam = self._manifold.retract(y, step[:, :n]), lam + step[:, n:]
             e, torque = self.instant.residuals(at, y, v, a, lam)
             rate = size / last
             left = size * rate if 0.0 < rate < _SLOW else size  # what the next correction would be
@@ -366,12 +388,6 @@ class _Balance:
         n, last = self.instant.system.nv, at[-1]
         self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
         self._lacked[n:] = lam[-1] - self.guess.lam[last]
-
-    def _moved(self, y: Array, moves: Array) -> Array:
-        d = self.instant.dynamics
-        if d.vector_space:
-            return y + moves
-        return np.array([d.integrate(*pair) for pair in zip(y, moves, strict=True)])
 
 
 def _square(found: Tangents) -> Array:

@@ -1,37 +1,45 @@
 """The usual ways beside the fastest motion, under the same limits and for the same robots.
 
-Quintic, trapezoid and jerk-limited profiles, plain and shaped by ZV, ZVD and EI: each as fast as
-its limits let it be in a run of the nominal robot.
+Quintic, trapezoid and jerk-limited profiles, plain and shaped by ZV, ZVD and EI, and the exact
+commands of smooth ones: each as fast as its limits let it be in a run of the nominal robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from pinflex.actuation import drive
 from pinflex.description.motions import laws
+from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
+from pinflex.errors import PinflexError
 from pinflex.levels.modes import modes, ringing
+from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.fastest import Fastest
-from pinflex.quickest.limits import RigidPath
+from pinflex.quickest.limits import RigidPath, slowness
 from pinflex.quickest.response import settled
 from pinflex.results.result import Result
 
-PROFILES = ("quintic", "trapezoid", "jerk-limited")
+_COMMANDS = {"exact command, quintic": laws.quintic, "exact command, nonic": laws.nonic}
+_RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
+_SHAPES: dict[str, Callable[[np.ndarray], Kinematics]] = {
+    "quintic": laws.quintic, "trapezoid": partial(laws.trapezoid, _RAMP), **_COMMANDS,
+}  # fmt: skip
+PROFILES = ("quintic", "trapezoid", "jerk-limited", *_COMMANDS)
 SHAPERS = ("", "zv", "zvd", "ei")
 _TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
 _SUDDEN = 1e9  # jerk over acceleration [1/s] where no jerk is limited
-_RAMP = 1.0 / 3.0  # of a trapezoid: the fastest where torque alone is limited
 _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
-_ROUND = 1e-6  # of a limit that a profile just reaches
 _TRIES = 3
 _HEARD = 2  # modes that shapers cancel, at the most
+_STILL = 1e-6  # of their top speed, below which the motors of a command rest
 
 
 @dataclass(frozen=True)
@@ -43,7 +51,7 @@ class Baseline:
         settled: Time from which every platform stays within the band [s]; inf: not in the run.
         residual: Largest distance from rest after the end, of the worst model [m].
         push: Largest torque over its limit.
-        motion: It. run: Of the nominal robot.
+        motion: It. run: Of the nominal robot. rest: Where its platform comes to rest [m], (3,).
     """
 
     name: str
@@ -53,6 +61,7 @@ class Baseline:
     push: float
     motion: Motion
     run: Result
+    rest: np.ndarray
 
 
 def baselines(
@@ -73,7 +82,7 @@ def baselines(
     top = min(found.limits.speed, top)
     rows = []
     for kind in profiles:
-        for shaper, count in _shapers(shapers, len(loud)):
+        for shaper, count in _shapers(("",) if kind in _COMMANDS else shapers, len(loud)):
             name = kind + (f" + {shaper.upper()} of {count}" if shaper else "")
             (progress or (lambda line: None))(name)
             some = np.sort(loud[:count])
@@ -85,7 +94,12 @@ def baselines(
                 plain = _profile(kind, found, slower, top)
                 return plain.shaped(shaper, *cancelled) if shaper else plain
 
-            rows.append(_row(name, found, make, rigid, period))
+            try:
+                rows.append(_row(name, found, make, rigid, period, kind in _COMMANDS))
+            except PinflexError as failed:
+                if kind not in _COMMANDS:
+                    raise
+                (progress or (lambda line: None))(f"left out: {failed}")
     return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
 
 
@@ -95,54 +109,53 @@ def _shapers(kinds: tuple[str, ...], modes: int) -> list[tuple[str, int]]:
 
 
 def _row(
-    name: str, found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, period: float
-) -> Baseline:
-    """A motion as slow as its limits ask, first of the rigid robot, then of a run."""
+    name: str, found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, period: float,
+    followed: bool,
+) -> Baseline:  # fmt: skip
+    """A motion as slow as its limits ask, first of the rigid robot, then of a run.
+
+    `followed`: what runs is the motors' motion with which the platform follows it.
+    """
     from pinflex.quickest.fastest import rest_of
 
-    room, slower = 1.0, 1.0
+    def rest(model: Mechanism) -> np.ndarray:  # a command ends elsewhere: links give way at rest
+        t = np.linspace(0.0, motion.duration, _PLACES)
+        return rest_of(model, drive.nominal(model, motion, t).q[-1])
+
+    nominal, room, slower = found.models["nominal"], 1.0, 1.0
     for _ in range(_TRIES):
-        slower = _slowness(found, make, rigid, room)
+        slower = slowness(rigid, found.limits, found.moves, make, room)
         motion = make(slower)
-        seen = settled(found.models["nominal"], motion, rest_of(found.models["nominal"], rigid),
-                       found.band, motion.duration, period, _TOL)  # fmt: skip
+        motion, end = _command(nominal, motion) if followed else (motion, motion.duration)
+        seen = settled(nominal, motion, rest(nominal), found.band, end, period, _TOL)
         push = float(np.max(np.abs(seen.run.torque) / found.limits.torque))
         if push <= 1.0 + _OVER:
             break
         room /= push
     every = [seen]
     for model in [*found.models.values()][1:]:
-        path = RigidPath(model, found.target, found.moves, 1.0)
-        every.append(settled(model, motion, rest_of(model, path), found.band, motion.duration,
-                             period, _TOL))  # fmt: skip
-    return Baseline(name, motion.duration, max(x.time for x in every),
-                    max(x.residual for x in every), push, motion, seen.run)  # fmt: skip
+        every.append(settled(model, motion, rest(model), found.band, end, period, _TOL))
+    residual = max(x.residual for x in every)
+    still = max(x.time for x in every)
+    return Baseline(name, end, still, residual, push, motion, seen.run, rest(nominal))
 
 
-def _slowness(
-    found: Fastest, make: Callable[[float], Motion], rigid: RigidPath, room: float
-) -> float:
-    """By how much slower than a second a profile is, for the limits of the rigid robot."""
-    limits = found.limits
-    at = int(np.argmax(np.abs([*found.moves.values()])))
-    far = [*found.moves.values()][at]
+def _command(mechanism: Mechanism, motion: Motion) -> tuple[Motion, float]:
+    """The exact command of a motion, from where motors begin to move, and when they rest again."""
+    from pinflex.inversion.command import command
 
-    def used(slower: float) -> float:
-        motion = make(slower)
-        t = np.linspace(0.0, motion.duration, _PLACES)
-        s, v, a = (x[:, at] / far for x in motion.evaluate(t))
-        tau = rigid.torque(s, v, a)[0]
-        turn = np.abs(rigid.motor_speed(s) * v[:, None])
-        return max(float(np.max(np.abs(tau) / limits.torque)) / room,
-                   float(np.max(turn / limits.motor_speed)),
-                   float(np.max(np.abs(v)) / limits.speed),
-                   float(np.max(np.abs(a)) / limits.acceleration))  # fmt: skip
+    found = command(mechanism, motion, limited=False)
+    speed = np.abs(found.velocity)
+    moving = np.flatnonzero(np.any(speed > _STILL * speed.max(axis=0), axis=1))
+    begin, own = float(found.t[max(int(moving[0]) - 1, 0)]), found.motion
+    corners = tuple(t - begin for t in own.corners if t > begin)
+    later = replace(own, law=partial(_from, own.law, begin), duration=own.duration - begin,
+                    corners=corners)  # fmt: skip
+    return later, found.before - begin + motion.duration + found.actuation[1]
 
-    low, high = 1e-3, 1e3
-    while high / low > 1.0 + 1e-5:
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if used(middle) > 1.0 + _ROUND else (low, middle)
-    return high
+
+def _from(law: Callable[[np.ndarray], Kinematics], begin: float, t: np.ndarray) -> Kinematics:
+    return law(t + begin)
 
 
 def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
@@ -151,14 +164,11 @@ def _profile(kind: str, found: Fastest, slower: float, top: float) -> Motion:
     corners: tuple[float, ...] = ()
     if kind == "jerk-limited":
         jerk = min(found.limits.jerk, _SUDDEN * slower**-2)
-        law = double_s(top, slower**-2, jerk, far)
-        corners = tuple(law.knots[1:-1].tolist())
-        return Motion(kind, found.target, names, float(law.knots[-1]), law, corners=corners)
-    if kind == "quintic":
-        return Motion(
-            kind, found.target, names, slower, partial(laws.move, laws.quintic, far, slower)
-        )
-    shape = partial(laws.trapezoid, _RAMP)
-    corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
-    return Motion("trapezoidal", found.target, names, slower,
-                  partial(laws.move, shape, far, slower), corners=corners)  # fmt: skip
+        ramps = double_s(top, slower**-2, jerk, far)
+        corners = tuple(ramps.knots[1:-1].tolist())
+        end = float(ramps.knots[-1])
+        return Motion(kind, found.target, names, end, ramps, corners=corners)
+    law = partial(laws.move, _SHAPES[kind], far, slower)
+    if kind == "trapezoid":
+        corners = (_RAMP * slower, (1.0 - _RAMP) * slower)
+    return Motion(kind, found.target, names, slower, law, corners=corners)

@@ -18,7 +18,16 @@ from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.quickest.limits import Limits, Profile, RigidPath, basis, fitted, limits_of, with_jerk
+from pinflex.quickest.limits import (
+    Limits,
+    Profile,
+    RigidPath,
+    basis,
+    fitted,
+    limits_of,
+    slowness,
+    with_jerk,
+)
 from pinflex.quickest.response import Grid, Settled, settled
 from pinflex.quickest.robustness import Off, corners, robustness, variant
 from pinflex.quickest.search import (
@@ -41,7 +50,7 @@ _EACH = (4, 16)  # steps in an interval
 _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
 _ROUGH = 1e-3  # of its duration: what ends the search for it
-_JERK = 6.0  # times a quintic's, where no jerk limit is known
+_JERK, _QUINTIC = 6.0, 60.0  # times a quintic's where no jerk limit is known; that of one second
 _RETRIES = 1  # of the nominal robot's search with a wide radius
 _FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
@@ -109,7 +118,7 @@ class Fastest:
         return text(self)
 
     def baselines(self, progress: Callable[[str], None] | None = None) -> tuple[Any, ...]:
-        """Quintic, trapezoid and jerk-limited profiles, plain and shaped, under the same limits."""
+        """Quintic, trapezoid, jerk-limited, plain and shaped, and exact commands: same limits."""
         from pinflex.quickest.baselines import baselines
 
         return baselines(self, progress)
@@ -249,51 +258,27 @@ def _task(
     if isinstance(settle, Mapping):
         box = float(settle["position"]), float(settle["speed"])
     rigid = tuple(RigidPath(x, target, moves, 1.0) for x in models.values())
-    slow = _slowest(rigid[0], limits)
-    limits = with_jerk(limits, _JERK * 60.0 / slow**3)
     make = {"joints": moves} if target == "joints" else {"platform": moves}
-    start = fitted(quintic(**make, duration=slow), far, intervals, limits.jumps)
+
+    def smooth(duration: float) -> Motion:
+        return quintic(**make, duration=duration)
+
+    slow = slowness(rigid[0], limits, moves, smooth)
+    slow = float(np.fmax(slow, np.cbrt(_QUINTIC / limits.jerk)))  # nan: no jerk limit is known
+    limits = with_jerk(limits, _JERK * _QUINTIC / slow**3)
+    start = fitted(smooth(slow), far, intervals, limits.jumps)
     bound = rigid_least(rigid[0], limits, start)
     soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
     first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow), _ROUGH)
-    rest = np.array([rest_of(x, path) for x, path in zip(models.values(), rigid, strict=True)])
+    rest = np.array([rest_of(x, path.end) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     every = tuple(models.values())
     return Task(target, moves, limits, band, every, rigid, rest, box, pushed), first, bound
 
 
-def _slowest(rigid: RigidPath, limits: Limits) -> float:
-    """Duration of the quintic that just keeps the limits, were the robot rigid [s]."""
-    u = np.linspace(0.0, 1.0, 201)
-    s, v, a = (
-        10 * u**3 - 15 * u**4 + 6 * u**5,
-        30 * (u * (1 - u)) ** 2,
-        60 * u * (1 - u) * (1 - 2 * u),
-    )
-
-    def used(T: float) -> float:
-        tau = rigid.torque(s, v / T, a / T**2)[0]
-        speed = np.abs(rigid.motor_speed(s)) * v[:, None] / T
-        jerk = 0.0 if np.isnan(limits.jerk) else 60.0 / T**3 / limits.jerk
-        along = v.max() / T / limits.speed, np.abs(a).max() / T**2 / limits.acceleration, jerk
-        motors = np.max(np.abs(tau) / limits.torque), np.max(speed / limits.motor_speed)
-        return float(max(*along, *motors))
-
-    low, high = 1e-3, 1e3
-    if not 0.0 < used(high) < 1.0 or used(low) < 1.0:
-        raise DescriptionError(
-            "fastest: limits: they hold no motion, or none at all is given. Give torque, speed or "
-            "acceleration, more than rest takes."
-        )
-    while high / low > 1.0 + 1e-6:
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
-    return high
-
-
-def rest_of(mechanism: Mechanism, path: RigidPath) -> Array:
-    """Where the platform comes to rest, shape (3,)."""
-    found = static_equilibrium(mechanism, path.end)
+def rest_of(mechanism: Mechanism, pose: Array) -> Array:
+    """Where the platform rests when the rigid robot would at a pose, shape (3,)."""
+    found = static_equilibrium(mechanism, pose)
     frame = mechanism.frame(str(mechanism.description.platform))
     dynamics = Equations(mechanism.flexible)
     return np.array(frame_pose(dynamics, found.y, frame).translation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -240,6 +240,8 @@ def fitted(motion: Motion, far: Array, n: int, jumps: bool) -> Profile:
 # Source: Bobrow, Dubowsky and Gibson (1985): along a path the dynamics have one coordinate.
 
 _PLACES = 61  # between which all is interpolated; a path of a delta misses 1e-6 of its torque
+_LOOKED_AT = 801  # instants of a motion
+_CLOSE, _ROUND = 1e-6, 1e-6  # of a slowness; of a limit that a profile just reaches
 _SPEEDS = (0.5, 1.0)  # of the typical one: what grows with its square, and with itself
 
 
@@ -301,6 +303,40 @@ class RigidPath:
     def motor_speed(self, s: Array) -> Array:
         """Of the motors by ds/dt, shape (k, nm)."""
         return np.asarray(self._first(np.clip(s, 0.0, 1.0))[:, self.motors])
+
+
+def slowness(
+    rigid: RigidPath, limits: Limits, moves: Mapping[str, float], make: Callable[[float], Motion],
+    room: float = 1.0,
+) -> float:  # fmt: skip
+    """The least number with which `make` gives a motion within limits, were the robot rigid.
+
+    Of its jerk nothing is asked. `room`: share of the torques that it may take.
+
+    Raises:
+        DescriptionError: There is none, or any will do.
+    """
+    at, far = max(enumerate(moves.values()), key=lambda move: abs(move[1]))
+
+    def used(slower: float) -> float:
+        motion = make(slower)
+        t = np.linspace(0.0, motion.duration, _LOOKED_AT)
+        s, v, a = (x[:, at] / far for x in motion.evaluate(t))
+        tau, turn = rigid.torque(s, v, a)[0], rigid.motor_speed(s) * v[:, None]
+        shares = tau / limits.torque / room, turn / limits.motor_speed
+        along = v / limits.speed, a / limits.acceleration
+        return max(float(np.max(np.abs(x))) for x in (*shares, *along))
+
+    low, high = 1e-3, 1e3
+    if not 0.0 < used(high) < 1.0 or used(low) < 1.0:
+        raise DescriptionError(
+            "fastest: limits: they hold no motion, or none at all is given. Give torque, speed or "
+            "acceleration, more than rest takes."
+        )
+    while high / low > 1.0 + _CLOSE:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if used(middle) > 1.0 + _ROUND else (low, middle)
+    return high
 
 
 def _straight(far: Array, t: Array) -> Kinematics:

@@ -3,7 +3,7 @@
 Claims:
     Commands: motions that the platform follows
     - linear system of a command as a band in time, rows that depend on each other | the whole
-      matrix | 1e-10 | 3e-13
+      matrix | 1e-10 | 2e-12
 """
 
 from __future__ import annotations

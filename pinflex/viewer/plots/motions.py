@@ -131,14 +131,14 @@ def fastest_figure(found: Fastest, rows: Sequence[Baseline] = ()) -> Figure:
 
 
 def _draw(ax: Axes, found: Fastest, rows: Sequence[Baseline], panel: str) -> None:
-    motions = [("fastest", found.motion, found.runs["nominal"], found.settled)]
-    motions += [(row.name, row.motion, row.run, row.settled) for row in rows[:_SHOWN]]
-    end = 1.6 * max(motion.duration for _, motion, _, _ in motions)
+    motions = [("fastest", found.motion, found.runs["nominal"], found.rest, found.settled)]
+    motions += [(row.name, row.motion, row.run, row.rest, row.settled) for row in rows[:_SHOWN]]
+    end = 1.6 * max(motion.duration for _, motion, *_ in motions)
     band = 1e3 * found.band
-    for k, (name, motion, run, still) in enumerate(motions):
+    for k, (name, motion, run, rest, still) in enumerate(motions):
         colour = COLOURS[k % len(COLOURS)]
         t = run.t[run.t <= end]
-        values = _values(found, motion, run, panel)(t)
+        values = _values(found, motion, run, rest, panel)(t)
         ax.plot(t, values, color=colour, lw=0.9 if k else 1.6, label=name)
         if panel == "platform" and np.isfinite(still):
             ax.plot([still], [band], "o", color=colour, ms=5)
@@ -161,13 +161,18 @@ _LABELS = {
 }
 
 
-def _values(found: Fastest, motion: Motion, run: Result, panel: str) -> Callable[[Array], Array]:
+def _values(
+    found: Fastest, motion: Motion, run: Result, rest: Array, panel: str
+) -> Callable[[Array], Array]:
     """What a panel shows of one motion, at the first samples of its run."""
     if panel == "speed":
         far = np.linalg.norm([*found.moves.values()])
+        if motion.target != found.target:  # a command's: of the platform that follows
+            rate = np.gradient(run.frame(found.frame).position, run.t, axis=0)
+            return lambda t: np.asarray(np.linalg.norm(rate[: len(t)], axis=1) / far)
         return lambda t: np.asarray(np.linalg.norm(motion.evaluate(t)[1], axis=1) / far)
     if panel == "platform":
-        away = np.linalg.norm(run.frame(found.frame).position - found.rest, axis=1)
+        away = np.linalg.norm(run.frame(found.frame).position - rest, axis=1)
         return lambda t: np.maximum(1e3 * away[: len(t)], 1e3 * _LEAST)
     push = np.abs(run.torque / found.limits.torque).max(axis=1)
     return lambda t: np.asarray(100.0 * push[: len(t)])

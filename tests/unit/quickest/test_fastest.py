@@ -10,11 +10,14 @@ Claims:
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.trajectories.profiles import double_s
+from pinflex.quickest.baselines import baselines
 from pinflex.quickest.limits import Profile, RigidPath, basis, even, fitted, limits_of
 from pinflex.quickest.response import Grid
 from pinflex.quickest.robustness import corners, varied
@@ -91,6 +94,26 @@ def test_one_input_leaves_five_springs_still(two, drive, most, n, close):
         assert np.abs(end).max() < 0.01  # steps aim at 0.0099
         if k == 1.0:
             assert force < 1.0 + 3e-3  # what a search lets a run be over, of 1 % that are asked
+
+
+def test_the_exact_command_beside_it_is_that_of_two_masses(two):
+    """The load follows a nonic s: the cart is at s + s'', pushed by its and the load's inertia."""
+    found = pf.fastest(two, {"drive": 1.0}, settle=1e-2, intervals=24, close=1e-2)
+    (row,) = baselines(found, profiles=("exact command, nonic",))
+    nonic = Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
+    rates = [nonic.deriv(k) if k else nonic for k in (0, 2, 4)]
+
+    def force(T):
+        u = np.linspace(0.0, 1.0, 4001)
+        return np.abs(2 * rates[1](u) / T**2 + rates[2](u) / T**4).max()
+
+    T = brentq(lambda T: force(T) - row.push, 3.0, 9.0)
+    load = row.run.frame("load").position[:, 0]
+    t = row.run.t - np.interp(0.5, load[: load.argmax()], row.run.t[: load.argmax()]) + 0.5 * T
+    # a peak is read between samples, 1e-4 of it; T errs by as much, and s' by 2.5 times that
+    assert load == pytest.approx(rates[0](np.clip(t / T, 0.0, 1.0)), abs=5e-4)
+    assert row.residual < 1e-5  # the command is right to 1e-6, the run to 1e-4 of what it shakes
+    assert 0.9 * T < row.ends < 1.02 * T  # it ends where the cart is as slow as a thousandth
 
 
 def test_numbers_of_a_profile_are_its_polynomials():
