@@ -18,7 +18,6 @@ from pinflex.mechanics.evaluation.compiled import Kinematics
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates, poses_of_frames
 from pinflex.mechanics.manifold import Manifold
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment
 from pinflex.text import brief
 
@@ -79,6 +78,18 @@ class MotorAxes:
             whole = 2.0 * np.pi
             error[..., self.paired] -= whole * np.round(error[..., self.paired] / whole)
         return np.asarray(error)
+
+
+@dataclass(frozen=True)
+class MotorPath:
+    """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
+
+    __repr__ = brief
+
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
 
 
 def motor_axes(mechanism: Mechanism) -> MotorAxes:

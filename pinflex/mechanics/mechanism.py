@@ -27,7 +27,6 @@ from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations, Followed, share
 from pinflex.mechanics.evaluation.frames import Frame
-from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
@@ -35,7 +34,7 @@ from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
 from pinflex.mechanics.model.planes import LeftOut, any_undecided
 from pinflex.mechanics.model.relevance import left_out, with_damping
-from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
     Joint,
     Link,
@@ -480,7 +479,7 @@ class _Loading:
         look = any_undecided(self.description, self.links, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
         known = self.last
-        made = self.first = self.systems(self.parts(coarse=coarse), self.first, passing=look)
+        made = self.first = self.systems(self.parts(coarse=coarse), self.first)
         if look:
             parts, flexible, home = made.parts, made.flexible, made.rigid.home
             out = left_out(self.description, self.links, parts, flexible, home, tuple(self.own))
@@ -498,7 +497,7 @@ class _Loading:
         )  # fmt: skip
 
     def systems(
-        self, parts: Mapping[str, FlexiblePart], like: _Systems | None, passing: bool = False
+        self, parts: Mapping[str, FlexiblePart], like: _Systems | None
     ) -> _Systems:
         """The systems of parts: those of a model like this one, where its parts are the same."""
         if like is not None and _made_alike(parts, like.parts):
@@ -506,7 +505,7 @@ class _Loading:
         rigid = self.about(self.tree(parts), parts)
         if not parts and not self.geared:
             return _Systems(parts, rigid, *_with_elastic_joints(rigid))
-        flexible, report = self.flexible(parts, rigid, passing)
+        flexible, report = self.flexible(parts, rigid)
         own = rigid.report
         report = replace(
             report, mobility=own.mobility, sigma_min=own.sigma_min, starts=own.starts,
@@ -563,13 +562,13 @@ class _Loading:
         return rigid_system(self.description, tree, parts, motors, names, limits)
 
     def flexible(
-        self, parts: Mapping[str, FlexiblePart], rigid: Assembled, passing: bool = False
+        self, parts: Mapping[str, FlexiblePart], rigid: Assembled
     ) -> tuple[System, LoopReport]:
-        """The flexible system about the rigid one; `passing`: for a look at what deforms."""
+        """The flexible system about the rigid one."""
         model = rigid.system.rigid
         expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
         expansion.model.armature[expansion.v_at] = model.armature
-        return flexible_system(self.description, expansion, parts, rigid, passing)
+        return flexible_system(self.description, expansion, parts, rigid)
 
 
 def _with_elastic_joints(rigid: Assembled) -> tuple[System, LoopReport]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
     from pinflex.mechanics.evaluation.compiled import Kinematics
     from pinflex.mechanics.evaluation.equations import Equations
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.loads import Attachment
 
 
@@ -180,12 +181,15 @@ class FrozenLinks:
     links and elastic joints give way with the least elastic energy.
 
     With a sleeve on a bent beam rates stay those of the rigid motion: there v^2 times the curvature
-    enters, which jumps between elements.
+    enters, which jumps between elements. Pins move with their holes: where they lie in them is what
+    an equilibrium is about, and the closures that clearance leaves would let some joints go.
     """
 
-    def __init__(self, dynamics: Equations, passive: IntArray, free: IntArray) -> None:
+    def __init__(self, dynamics: Equations, mechanism: Mechanism, free: IntArray) -> None:
         """Nothing is evaluated yet."""
-        system = dynamics.system
+        system, passive = mechanism.flexible, mechanism.rigid.free
+        if dynamics.system.closed.n != system.closed.n:
+            dynamics = type(dynamics)(system)
         self._dynamics, self._free, self._K = dynamics, passive, np.zeros((0, 0))
         if len(passive) != system.closed.n:
             self._free, springs, K = free, system.springs, system.K.copy()
