@@ -16,7 +16,6 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, formula, hold
 from pinflex.description.reading.schema import shown
-from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
@@ -82,7 +81,7 @@ class Simulator:
         sensors: Mapping[str, Sensor] | None = None,
     ) -> None:
         """At home, as after `reset()`."""
-        mechanism = self.mechanism = takes_model(_same)(robot)
+        mechanism = self.mechanism = takes_model(lambda robot: robot)(robot)
         where = f"{mechanism.name}: Simulator"
         _require(where, dt, integrator, iterations=iterations, tangents=tangents, every=every)
         self.dt, self._system = float(dt), mechanism.loose
@@ -92,9 +91,11 @@ class Simulator:
             raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
         self._compiled = self._dynamics.compiled
         self._axes, self._motors = motor_axes(mechanism), self._system.motors
+        spec = mechanism.description.solve
+        own: Any = spec.integrator if spec.integrator in ("newmark", "hht") else None
         self._spec = replace(
-            mechanism.description.solve, level="coupled", dt=self.dt, tol=None, until=None,
-            integrator=integrator or _own(mechanism.description.solve), drive="prescribed",
+            spec, level="coupled", dt=self.dt, tol=None, until=None, drive="prescribed",
+            integrator=integrator or own,
         )  # fmt: skip
         limits = _stops(mechanism) if stops else None
         self._bounds = Bounds(iterations, tangents or 0, every or 0, limits)
@@ -133,8 +134,9 @@ class Simulator:
         try:
             engine.begin(0.0, engine.march.first(found.y, found.v, 0), True)
         except (NoConvergence, np.linalg.LinAlgError):
+            error = self._stuck(engine, self.dt)
             self._stay(before)
-            raise self._stuck(engine, self.dt) from None
+            raise error from None
         self._steps, self._at, self._log = 0, engine, None
         self.start = found.kind
         return self
@@ -466,15 +468,6 @@ class Simulator:
         run = Run(self._system, t, y, v, a, lam, torque, cost, settings, log.work(), s=s)
         rigid = partial(rigid_reference, self.mechanism, hold(duration=1.0), run)
         return result_of(self.mechanism, run, rigid, "coupled", cost, "")
-
-
-def _same(robot: Mechanism) -> Mechanism:
-    return robot
-
-
-def _own(spec: SolveSpec) -> Any:
-    """The integrator of a YAML where it is of the alpha family."""
-    return spec.integrator if spec.integrator in ("newmark", "hht") else None
 
 
 def _stops(mechanism: Mechanism) -> tuple[Array, Array] | None:
