@@ -37,10 +37,10 @@ from pinflex.results.pose_map import Columns
 from pinflex.threads import one_blas_thread
 from pinflex.writing import lock, plain, writable
 
-# A process that dies takes one piece of work with it, not the rest. A copy of this process has loaded
-# whatever it has and starts in milliseconds; it is made where that is safe: on Linux, in a process of
-# one thread. Threads share Python, in which a case of delta spends two thirds of its time (of 105 ms;
-# the rest is the compiled kernel): they work where there are no copies, on what does not travel.
+# A process that dies takes one piece of work with it, not the rest. A copy of this process has
+# loaded whatever it has; it is made where that is safe: on Linux, in a process of one thread.
+# Threads share Python, in which a case of delta spends two thirds of its time (of 105 ms; the rest
+# is the compiled kernel): they work where there are no copies, on what does not travel.
 
 Task = Callable[[Any], Any]
 _ONE_AT_A_TIME = threading.Lock()
