@@ -487,7 +487,7 @@ def _state(mechanism: Mechanism, given: Any, where: str) -> tuple[Array, Array, 
     system = mechanism.flexible
     try:
         y, v = (np.array(part, dtype=float) for part in pair)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         y = v = np.zeros(())
     if not y.ndim:
         raise DescriptionError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -106,11 +106,6 @@ class Engine:
         """The motor that would have passed its stop in the last step, or -1."""
         return -1 if self._compiled is None else int(self.kernel.at.stopped)
 
-    def state(self) -> Step:
-        """Where the last step ended; its arrays change with the next one."""
-        return Step(*(column[1] for column in self.found[:6]))
-
     def kept(self) -> Step:
-        """The same, to be kept."""
-        now = self.state()
-        return replace(now, **{key: value.copy() for key, value in vars(now).items()})
+        """Where the last step ended."""
+        return Step(*(column[1].copy() for column in self.found[:6]))

@@ -71,7 +71,7 @@ def _settings(engine: Engine) -> dict[str, float]:
 
 
 def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
-    now = engine.state()
+    now = engine.kept()
     return {
         "predict": engine.march.predictor, "y": now.y, "v": now.v, "a": now.a, "s": now.s,
         "lam": now.lam, "torque": now.torque, "position": engine.path.position[1],
@@ -239,14 +239,19 @@ def export_fmu(
         raise DescriptionError(f"{file}: an FMU ends with .fmu.")
     if version not in VERSIONS:
         raise DescriptionError(f"export: FMI {version}. Allowed: {', '.join(map(str, VERSIONS))}.")
+    known = _known(version)
     for name in platforms:
-        _require(name, version)
+        if name not in known:
+            raise DescriptionError(
+                f"export: {name}: no such platform of FMI {version}.{nearest(name, known)}"
+            )
     engine, outputs = _ready(live, inputs)
     text = model_c(live, engine, outputs)
     given = commands(live.mechanism, inputs == "torque")
-    at = engine.found[5][1] if inputs == "torque" else _where(engine)
+    led = engine.path.position, engine.path.velocity, engine.path.acceleration
+    at = [float(x) for part in (engine.found[5:6] if inputs == "torque" else led) for x in part[1]]
     about = Description(
-        live.mechanism.name, live.dt, given, tuple(at), outputs.signals, _parameters(outputs),
+        live.mechanism.name, live.dt, given, at, outputs.signals, _parameters(outputs),
         text, version,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as held:
@@ -266,15 +271,6 @@ def _known(version: int) -> list[str]:
     return [name for name, one in PLATFORMS.items() if one.folder(version)]
 
 
-def _require(name: str, version: int) -> None:
-    """Raise where there is no such platform."""
-    known = _known(version)
-    if name not in known:
-        raise DescriptionError(
-            f"export: {name}: no such platform of FMI {version}.{nearest(name, known)}"
-        )
-
-
 def _parameters(outputs: Outputs) -> list[tuple[Signal, float]]:
     """What is set before the start, in the order of source/slave.h."""
     found = [
@@ -284,12 +280,6 @@ def _parameters(outputs: Outputs) -> list[tuple[Signal, float]]:
         what = f"mass that {carried.frame} carries, set at first"
         found.append((Signal("payload", "kg", what), carried.mass))
     return found
-
-
-def _where(engine: Engine) -> list[float]:
-    """Position, velocity and acceleration of led motors at the start, one after the other."""
-    path = engine.path
-    return [float(x) for part in (path.position, path.velocity, path.acceleration) for x in part[1]]
 
 
 def _ready(live: Simulator, inputs: str) -> tuple[Engine, Outputs]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.loads import Slot
 from pinflex.results.quantities import joint_unit
 from pinflex.text import brief
 
@@ -85,26 +86,26 @@ class Carried:
 def commands(mechanism: Mechanism, pushed: bool) -> tuple[Signal, ...]:
     """What a step is given: torques of the motors, or their motion."""
     kinds = ("torque",) if pushed else ("position", "velocity", "acceleration")
-    at = "at the end of a step"
-    return tuple(
+    return tuple(_of_motors(mechanism, kinds, "command ", " at the end of a step"))
+
+
+def _of_motors(
+    mechanism: Mechanism, kinds: Sequence[str], head: str = "", tail: str = ""
+) -> list[Signal]:
+    """Quantities of the motors, kind by kind."""
+    return [
         Signal(
-            f"command {kind} {motor}",
-            _motor_unit(mechanism, kind, motor),
-            f"{kind} of {motor} {at}",
+            f"{head}{kind} {name}", _motor_unit(mechanism, kind, name), f"{kind} of {name}{tail}"
         )
         for kind in kinds
-        for motor in mechanism.motors
-    )
+        for name in mechanism.motors
+    ]
 
 
 def outputs_of(mechanism: Mechanism) -> Outputs:
     """What is told of a mechanism."""
     system, platform = mechanism.loose, mechanism.description.platform
-    signals = [
-        Signal(f"{kind} {motor}", _motor_unit(mechanism, kind, motor), f"{kind} of {motor}")
-        for kind in ("torque", "position", "velocity")
-        for motor in mechanism.motors
-    ]
+    signals = _of_motors(mechanism, ("torque", "position", "velocity"))
     places, nodes = [], []
     for name in mechanism.description.reported:
         head = "platform" if name == platform else f"frame {name}"
@@ -118,9 +119,7 @@ def outputs_of(mechanism: Mechanism) -> Outputs:
         place = here.placement
         places.append(np.column_stack([place.rotation, place.translation]).ravel())
     at, n, curved, rows = [], [], [], [np.zeros(0)]
-    for slot in system.expansion.slots:
-        if len(mechanism.parts[slot.link].bodies) > 1 or slot.body.solid is not None:
-            continue  # the end of a beam in segments is off a root that is not its own
+    for slot in _whole(mechanism):
         Phi, G = slot.body.rows(slot.body.length)
         at.append(int(system.rigid.nq) + slot.eta.start)
         n.append(slot.body.n)
@@ -143,13 +142,17 @@ def outputs_of(mechanism: Mechanism) -> Outputs:
     )  # fmt: skip
 
 
+def _whole(mechanism: Mechanism) -> list[Slot]:
+    """Beams of one body: the end of one in segments is off a root that is not its own."""
+    slots, parts = mechanism.loose.expansion.slots, mechanism.parts
+    return [x for x in slots if len(parts[x.link].bodies) == 1 and x.body.solid is None]
+
+
 def _beams(mechanism: Mechanism) -> tuple[list[str], IntArray, IntArray, IntArray, Array, Array]:
     """Links of one beam each, and the tables of their stress."""
     names, at, n, fibres, rows, rims = [], [], [], [], [np.zeros(0)], [np.zeros(0)]
-    for slot in mechanism.loose.expansion.slots:
+    for slot in _whole(mechanism):
         part = mechanism.parts[slot.link]
-        if len(part.bodies) > 1 or slot.body.solid is not None:
-            continue  # as the ends above
         x = np.linspace(0.0, slot.body.length, STATIONS)
         fields, none = slot.body.fields(x), np.zeros((STATIONS, slot.body.n))
         E, section = part.spec.material.E, part.spec.section

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,6 +11,7 @@ import numpy as np
 
 from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
+from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.mechanism import Mechanism
@@ -65,6 +67,15 @@ class Imu:
 
 
 Sensor = Encoder | StrainGauge | Imu
+_FAR = 1e3  # [m] from the centre line of a beam: beyond any section
+
+
+def number(value: object) -> float:
+    """A number as a float, not a number where it is none."""
+    try:
+        return math.nan if isinstance(value, str | bytes) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 class Placed(Protocol):
@@ -97,8 +108,9 @@ class _Encoder:
             raise DescriptionError(
                 f"{where}: {given.motor}: not a motor.{nearest(given.motor, names)}"
             )
-        if not 0.0 <= given.resolution < np.inf:
-            raise DescriptionError(f"{where}: resolution: {given.resolution}. Give 0 or more.")
+        if not 0.0 <= number(given.resolution) < np.inf:
+            said = shown(given.resolution)
+            raise DescriptionError(f"{where}: resolution: {said}. Give 0 or more.")
         self._axes, self._at = motor_axes(mechanism), names.index(given.motor)
         self._step = float(given.resolution)
 
@@ -124,8 +136,10 @@ def gauge_row(mechanism: Mechanism, given: StrainGauge, where: str) -> tuple[sli
             f"{where}: {given.link}: no such flexible link.{nearest(given.link, parts)}"
         )
     part = parts[given.link]
-    if not 0.0 <= given.x <= part.length:
-        raise DescriptionError(f"{where}: x: {given.x}. Allowed: 0 to {part.length:g} m.")
+    for axis, low, high in (("x", 0.0, part.length), ("y", -_FAR, _FAR), ("z", -_FAR, _FAR)):
+        if not low <= number(getattr(given, axis)) <= high:
+            said = shown(getattr(given, axis))
+            raise DescriptionError(f"{where}: {axis}: {said}. Allowed: {low:g} to {high:g} m.")
     slots = [s for s in mechanism.flexible.expansion.slots if s.link == given.link]
     slot = next(s for s in reversed(slots) if given.x >= s.offset or s is slots[0])
     if slot.body.solid is not None:

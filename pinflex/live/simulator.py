@@ -15,13 +15,13 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, formula, hold
-from pinflex.description.solve import SolveSpec
+from pinflex.description.reading.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
 from pinflex.integrators.problem import Run, Settings
 from pinflex.live.engine import Bounds, Engine
-from pinflex.live.sensors import FrameNow, LinkNow, Log, Motors, Sensor, Snapshot, placed
+from pinflex.live.sensors import FrameNow, LinkNow, Log, Motors, Sensor, Snapshot, number, placed
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations
@@ -34,6 +34,7 @@ from pinflex.solver.scene import Scene
 from pinflex.solver.solve import rigid_reference
 
 Numbers = npt.ArrayLike
+_MOST = 1_000_000  # iterations, tangents, steps between two: more than any run has
 
 
 class Simulator:
@@ -80,9 +81,9 @@ class Simulator:
         sensors: Mapping[str, Sensor] | None = None,
     ) -> None:
         """At home, as after `reset()`."""
-        mechanism = self.mechanism = takes_model(_same)(robot)
+        mechanism = self.mechanism = takes_model(lambda robot: robot)(robot)
         where = f"{mechanism.name}: Simulator"
-        _require(where, dt, iterations, tangents, every)
+        _require(where, dt, integrator, iterations=iterations, tangents=tangents, every=every)
         self.dt, self._system = float(dt), mechanism.loose
         self._dynamics = Equations(self._system, marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:
@@ -90,9 +91,11 @@ class Simulator:
             raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
         self._compiled = self._dynamics.compiled
         self._axes, self._motors = motor_axes(mechanism), self._system.motors
+        spec = mechanism.description.solve
+        own: Any = spec.integrator if spec.integrator in ("newmark", "hht") else None
         self._spec = replace(
-            mechanism.description.solve, level="coupled", dt=self.dt, tol=None, until=None,
-            integrator=integrator or _own(mechanism.description.solve), drive="prescribed",
+            spec, level="coupled", dt=self.dt, tol=None, until=None, drive="prescribed",
+            integrator=integrator or own,
         )  # fmt: skip
         limits = _stops(mechanism) if stops else None
         self._bounds = Bounds(iterations, tangents or 0, every or 0, limits)
@@ -119,15 +122,21 @@ class Simulator:
                 default: that of the YAML.
             motion: Instead of a pose: begin as `pf.solve` begins with this motion.
         Raises:
-            DescriptionError, SceneError: No such pose, or no equilibrium there.
+            DescriptionError, SceneError: No such pose, no equilibrium there, or no step from there;
+                the simulator stays where it was.
         """
         scene = self._scene(pose, start, motion)
-        found = scene.start
-        engine = self._made(True)
+        found, before = scene.start, self.snapshot() if self._engines else None
         path = motor_path(self.mechanism, scene.motion, np.array([0.0, self.dt]))
+        engine = self._made(True)
         for name in ("position", "velocity", "acceleration"):
             getattr(engine.path, name)[...] = getattr(path, name)
-        engine.begin(0.0, engine.march.first(found.y, found.v, 0), True)
+        try:
+            engine.begin(0.0, engine.march.first(found.y, found.v, 0), True)
+        except (NoConvergence, np.linalg.LinAlgError):
+            error = self._stuck(engine, self.dt)
+            self._stay(before)
+            raise error from None
         self._steps, self._at, self._log = 0, engine, None
         self.start = found.kind
         return self
@@ -140,24 +149,28 @@ class Simulator:
     def _scene(
         self, pose: Mapping[str, float] | None, start: object, motion: Motion | None
     ) -> Scene:
-        given = dict(pose or {})
+        where, names = f"{self.mechanism.name}: reset", self.mechanism.motors
         if motion is not None and pose is not None:
-            raise DescriptionError(f"{self.mechanism.name}: reset: pose and motion: give one.")
-        names = self.mechanism.motors
+            raise DescriptionError(f"{where}: pose and motion: give one.")
+        if not isinstance(motion, Motion | None) or not isinstance(pose, Mapping | None):
+            raise DescriptionError(
+                f"{where}: give a pose, positions by motor, or a motion, such as pf.quintic(...)."
+            )
+        given = dict(pose or {})
         for name, value in given.items():
             if name not in names:
                 raise DescriptionError(
                     f"{self.mechanism.name}: pose: {name}: not a motor.{nearest(name, names)}"
                 )
-            if not np.isfinite(value):
+            if not np.isfinite(number(value)):
                 raise DescriptionError(
-                    f"{self.mechanism.name}: pose: {name}: {value}. Give a finite position in rad "
-                    "or m."
+                    f"{self.mechanism.name}: pose: {name}: {shown(value)}. Give a finite position "
+                    "in rad or m."
                 )
         if given:
             home = dict(zip(names, self._axes.read(self.mechanism.home), strict=True))
             text = {
-                name: np.format_float_positional(float(x), unique=True)
+                name: np.format_float_positional(number(x), unique=True)
                 for name, x in (home | given).items()
             }
             motion = formula(joints=text, duration=1.0, absolute=True)
@@ -211,10 +224,7 @@ class Simulator:
             if self._system.closed.contacts:
                 self._dynamics.require_on_beams(engine.found[0][1], self.mechanism.name, t)
         except SceneError:
-            if before is not None:
-                log = self._log
-                self.restore(before)
-                self._log = log
+            self._stay(before)
             raise
         self._steps += 1
         if self._log is not None:
@@ -226,11 +236,18 @@ class Simulator:
         switches = self._at is not self._engines.get(led)
         return self.snapshot() if switches or self._system.closed.contacts else None
 
+    def _stay(self, before: Snapshot | None) -> None:
+        """Be where it was; a record goes on."""
+        if before is not None:
+            log = self._log
+            self.restore(before)
+            self._log = log
+
     def _numbers(self, what: str, given: Numbers) -> Array:
         """As many finite numbers as there are motors."""
         try:
             found = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             found = np.full((), np.nan)
         n = len(self._motors)
         if found.shape != (n,):
@@ -416,7 +433,9 @@ class Simulator:
             every: Steps between two that are kept.
         """
         if not isinstance(every, int) or every < 1:
-            raise DescriptionError(f"record: every: {every}. Give a whole number, 1 or more.")
+            raise DescriptionError(
+                f"record: every: {shown(every)}. Give a whole number, 1 or more."
+            )
         self._log = Log(every, self._steps)
         self._log.keep(self._steps, self.time, self._at.found)
         return self
@@ -451,15 +470,6 @@ class Simulator:
         return result_of(self.mechanism, run, rigid, "coupled", cost, "")
 
 
-def _same(robot: Mechanism) -> Mechanism:
-    return robot
-
-
-def _own(spec: SolveSpec) -> Any:
-    """The integrator of a YAML where it is of the alpha family."""
-    return spec.integrator if spec.integrator in ("newmark", "hht") else None
-
-
 def _stops(mechanism: Mechanism) -> tuple[Array, Array] | None:
     """Position limits of the motors in the URDF; None: there are none."""
     model = mechanism.rigid.rigid
@@ -469,13 +479,19 @@ def _stops(mechanism: Mechanism) -> tuple[Array, Array] | None:
     return (low, high) if np.isfinite(low).any() or np.isfinite(high).any() else None
 
 
-def _require(where: str, dt: object, iterations: object, tangents: object, every: object) -> None:
+def _require(where: str, dt: object, integrator: object, **counts: object) -> None:
     """Raise where an argument is not what it should be."""
-    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < np.inf:
-        raise DescriptionError(f"{where}: dt: {dt}. Give a step above 0 s.")
-    counts = {"iterations": iterations, "tangents": tangents, "every": every}
+    if isinstance(dt, bool) or not 0.0 < number(dt) < np.inf:
+        raise DescriptionError(f"{where}: dt: {shown(dt)}. Give a step above 0 s.")
+    if not isinstance(integrator, AlphaScheme | None):
+        raise DescriptionError(
+            f"{where}: integrator: {shown(integrator)}. Give one of the alpha family, such as "
+            "pf.newmark()."
+        )
     for name, value in counts.items():
         if value is None and name != "iterations":
             continue
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise DescriptionError(f"{where}: {name}: {value}. Give a whole number, 1 or more.")
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST:
+            raise DescriptionError(
+                f"{where}: {name}: {shown(value)}. Give a whole number from 1 to {_MOST}."
+            )

@@ -37,17 +37,10 @@ from pinflex.results.pose_map import Columns
 from pinflex.threads import one_blas_thread
 from pinflex.writing import lock, plain, writable
 
-# Many independent pieces of work in processes of their own: of this machine, or of a Dask cluster.
-#
-# Answers come as they are ready. A process that dies takes one piece of work with it, not the rest.
-# Threads share Python, in which a case of delta spends half of its time (of 100 ms; the rest is the
-# compiled kernel): two can be 1.8 times as fast as one at the best, copies of this process twice.
-# So threads work where there are no copies, on what does not travel.
-
-# Pieces of work in copies of this process, which have loaded whatever it has.
-#
-# A copy starts in some milliseconds, where a new process imports for a second. It is made where
-# that is safe: on Linux, in a process of one thread.
+# A process that dies takes one piece of work with it, not the rest. A copy of this process has
+# loaded whatever it has; it is made where that is safe: on Linux, in a process of one thread.
+# Threads share Python, in which a case of delta spends two thirds of its time (of 105 ms; the rest
+# is the compiled kernel): they work where there are no copies, on what does not travel.
 
 Task = Callable[[Any], Any]
 _ONE_AT_A_TIME = threading.Lock()

@@ -60,17 +60,17 @@ def left_out(
 ) -> dict[str, tuple[LeftOut, ...]]:
     """What `auto` leaves out, by link."""
     cases = shares(description, links, parts, system, home)
-    groups: dict[str, list[FlexiblePart]] = {}
+    groups: dict[object, list[FlexiblePart]] = {}
     for name, part in parts.items():
         if name not in given:  # equal links stay equal, wherever they are and whatever their names
             like = replace(part.spec, link="", start=None, end=None)
-            groups.setdefault(f"{part.length:.9g} {like}", []).append(part)
-    doubtful: list[tuple[Array, str, str]] = []
+            groups.setdefault((f"{part.length:.9g}", like), []).append(part)
+    doubtful: list[tuple[Array, object, str]] = []
     for group, equal in groups.items():
         for d in undecided(equal[0].spec, equal[0].planes):
             each = [sum(case.get((p.link, d), 0.0) for p in equal) for case in cases.values()]
             doubtful.append((np.array(each), group, d))
-    spent, out = np.zeros(len(cases)), dict[str, list[str]]()
+    spent, out = np.zeros(len(cases)), dict[object, list[str]]()
     for cost, group, d in sorted(doubtful, key=lambda x: float(np.max(x[0], initial=0.0))):
         already = out.setdefault(group, [])
         # a link that is described deforms somehow

@@ -162,6 +162,7 @@ BAD = {
     "nan": ({"torque": [np.nan, 0, 0]}, "torque: not a finite number for motor_1"),
     "few": ({"torque": [0.0]}, r"torque: shape \(1,\). Give 3 numbers"),
     "text": ({"torque": "much"}, "torque: shape"),
+    "huge": ({"torque": [10**400, 0, 0]}, "torque: shape"),
     "nothing": ({}, "give torque= or motion="),
     "both": ({"torque": [0, 0, 0], "motion": ([0] * 3,) * 3}, "one of them"),
     "pair": ({"motion": ([0, 0, 0], [0, 0, 0])}, "give .position, velocity, acceleration."),
@@ -186,6 +187,29 @@ def test_a_bad_step_says_so_and_leaves_everything(what: str) -> None:
     assert all(np.array_equal(x, y) for x, y in zip(before, after, strict=True))
     live.step(motion=(q, 0 * q, 0 * q))  # and goes on from there
     np.testing.assert_allclose(live.motors.torque, torque, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        ({"pose": {"motor_1": -1.6}}, "motor_1 would pass its stop"),
+        ({"pose": {"motor_1": None}}, "motor_1: None"),
+        ({"pose": {"motor_1": 10**400}}, "motor_1: 1000"),
+        ({"motion": 1j}, "give a pose"),
+        ({"start": [10**400]}, "is not valid"),
+    ],
+)
+def test_a_bad_reset_says_so_and_leaves_everything(given: dict[str, Any], said: str) -> None:
+    live = pf.Simulator("delta").record()
+    q = live.motors.position
+    live.step(motion=(q, 0 * q, 0 * q))
+    before = live.time, live.y, live.v, live.motors.torque
+    with pytest.raises(PinflexError, match=said):
+        live.reset(**given)
+    after = live.time, live.y, live.v, live.motors.torque
+    assert all(np.array_equal(x, y) for x, y in zip(before, after, strict=True))
+    live.step(motion=(q, 0 * q, 0 * q))
+    assert len(live.result().t) == 3
 
 
 def test_a_motor_stops_at_its_limit() -> None:
@@ -216,6 +240,9 @@ def test_a_motor_stops_at_its_limit() -> None:
 def test_arguments_are_checked() -> None:
     for wrong, said in (
         ({"dt": 0.0}, "dt: 0.0"), ({"dt": np.nan}, "dt: nan"), ({"every": 0}, "every: 0"),
+        ({"dt": 10**400}, "dt: 1000"),
+        ({"tangents": 10**30}, "tangents: 1000"), ({"integrator": 3}, "integrator: 3"),
+        ({"sensors": {"a": pf.StrainGauge("arm_1", 0.1, np.nan)}}, "y: nan"),
         ({"iterations": 2.5}, "iterations: 2.5"), ({"sensors": {"a": 3}}, "sensors: a: no sensor"),
         ({"sensors": {"a": pf.Encoder("motor")}}, "motor: not a motor"),
         ({"sensors": {"a": pf.StrainGauge("arm_1", 9.0)}}, "x: 9.0. Allowed: 0 to"),
@@ -223,6 +250,8 @@ def test_arguments_are_checked() -> None:
     ):  # fmt: skip
         with pytest.raises(pf.DescriptionError, match=said):
             pf.Simulator("delta", **wrong)  # type: ignore[arg-type]
+    with pytest.raises(PinflexError, match="no step of 1e.30 s"):
+        pf.Simulator("delta", dt=1e30)
     live = pf.Simulator("delta")
     for call in (lambda: live.frame("moon"), lambda: live.link("moon"), lambda: live.sensor("x"),
                  lambda: live.reset(pose={"moon": 1.0}), live.result):  # fmt: skip
