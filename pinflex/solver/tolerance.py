@@ -500,9 +500,11 @@ class _Refinement:
                 f"contacts: two runs, one in shorter steps, differ by {_worst(fine):.2g}, which is "
                 f"not well within tol = {tol:g}."
             )
-        return replace(
-            fine, warnings=(*fine.warnings, words), several=partial(self._several, fine, self.size)
-        )
+        settings: Settings = {**fine.settings}
+        if np.isfinite(when):
+            settings["parts"] = when
+        several = partial(self._several, fine, self.size)
+        return replace(fine, settings=settings, warnings=(*fine.warnings, words), several=several)
 
     def _several(self, fine: Run, size: float) -> dict[str, dict[str, object]]:
         """Statistics of three runs: one, a coarser one, and that with other speeds at the start."""
