@@ -56,16 +56,11 @@ def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
 
     Of solids with more modes, and with shorter cells where pinflex makes the mesh; pins that rub in
     their holes smoothly below half the speed.
-
-    Raises:
-        DescriptionError: There is no such model.
     """
     failed: PinflexError | None = None
     rubs = list(_smoother(mechanism))
     for changes, words in _richer(mechanism):
-        said = ", ".join(
-            filter(None, [words, "half the speed that smooths friction" if rubs else ""])
-        )
+        said = ", ".join(filter(None, [words, _SMOOTHER if rubs else ""]))
         try:
             more, n = enlarged(mechanism, [*changes, *rubs])
             if more is not None:
@@ -447,11 +442,7 @@ class Look:
 
 
 def look(probe: Probe, motion: Motion, level: str = "coupled") -> Look:
-    """A model at a level, at some of the instants of its probe.
-
-    Raises:
-        ConvergenceError: Linear vibration does not describe the motion.
-    """
+    """A model at a level, at some of the instants of its probe."""
     some = compared(probe)
     return Look(probe, _at_level(probe, motion, level).at(some), some)
 
@@ -530,11 +521,7 @@ def _poses(
 
 
 def described(probe: Probe) -> Deviation:
-    """The vibration, corrected twice.
-
-    Raises:
-        ConvergenceError: The corrections do not shrink.
-    """
+    """The vibration, corrected twice."""
     march, once, twice = probe.marched(2)
     first, second = (float(np.max(np.abs(x.d - y.d), initial=0.0)) for x, y in
                      ((once, march), (twice, once)))  # fmt: skip

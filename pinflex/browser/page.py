@@ -19,7 +19,7 @@ from pinflex.advice.solve import solve
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.browser import sliders
-from pinflex.browser.recipe import laid_out, live_scene, recipe, tables_of
+from pinflex.browser.recipe import laid_out, live_scene, recipe, tables_of, times
 from pinflex.description.description import Description, read
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.kernel import build
@@ -61,19 +61,24 @@ def scene_of_page(description: Description, t: Array) -> LiveScene:
     # Absent, not zeroed, in every other run; here it has to be there to be moved.
     base = [x for s in proposed if s.name == sliders.PAYLOAD for x in s.for_tables(1.0)]
     found = sliders.changes(description, proposed, tables_of, base)
-    scene = live_scene(load(description, base))
-    tol = scene.spec.tol or 1e-3
-    made = recipe(scene, RESOLUTION * tol, t, found.pattern)
-    header, line = laid_out(made.image)
-    parts, at = [line], len(line)
+    made, tol = [], 1e-3
+    for slider in (None, *(s for s in found.sliders if s.acts == "motion")):
+        on = [] if slider is None else slider.overrides(1.0)
+        scene = live_scene(load(description, [*base, *on]))
+        tol = scene.spec.tol or 1e-3
+        at = t if slider is None else np.linspace(0.0, times(scene)[-1], len(t))
+        made.append(recipe(scene, RESOLUTION * tol, at, found.pattern))
+    headers, line = laid_out(each.image for each in made)
+    headers = [head | each.header for head, each in zip(headers, made, strict=True)]
+    parts, size = [line], len(line)
 
     def put(values: Array) -> list[int]:
-        nonlocal at
+        nonlocal size
         parts.append(np.asarray(values, float).ravel())
-        at += parts[-1].size
-        return [at - parts[-1].size, parts[-1].size]
+        size += parts[-1].size
+        return [size - parts[-1].size, parts[-1].size]
 
-    header |= made.header | {"tol": tol, "sliders": [
+    header = headers[0] | {"tol": tol, "shaped": headers[1:], "sliders": [
         _slider(s, found.changes.get(s.name), put) for s in found.sliders
     ]}  # fmt: skip
     return LiveScene(header, np.concatenate(parts), found.left_out)
@@ -227,10 +232,11 @@ def _written(
 
 def _pick_stations(live: LiveScene, shown: dict[str, Any], run: Result) -> None:
     """Let the page compute the stations that it shows."""
-    for link, drawn in zip(live.header["outputs"]["links"], shown["links"], strict=True):
-        every = run.arrays[f"link/{link['name']}/x"]
-        assert link["name"] == drawn["name"]
-        link["kept"] = np.searchsorted(every, drawn["x"] - 1e-9).tolist()
+    for header in (live.header, *live.header["shaped"]):
+        for link, drawn in zip(header["outputs"]["links"], shown["links"], strict=True):
+            every = run.arrays[f"link/{link['name']}/x"]
+            assert link["name"] == drawn["name"]
+            link["kept"] = np.searchsorted(every, drawn["x"] - 1e-9).tolist()
 
 
 def _command(model: Any, overrides: Sequence[str]) -> str:

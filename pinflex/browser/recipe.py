@@ -109,6 +109,41 @@ def _weights() -> Array:
     return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
 
 
+# A table of a motion in half of its numbers: accelerations at the nodes, and where each piece begins.
+
+_DIGITS = 2.0**-33  # of the largest acceleration: it has been differenced, and has no more
+_AGAIN = 1e-9  # of the largest value: what a table that is made again may be off by
+
+
+def _folded(table: Table, motors: int) -> dict[str, Array] | None:
+    """Numbers that page/solver.js makes the table of again; None: it would be another.
+
+    start: Position and velocity where each piece begins, shape (pieces, 2, motors). a: Shape
+    (pieces, nodes, motors). once, twice: Integrals over the nodes from -1 on, shape (nodes, nodes).
+    """
+    node, half, value = table.node, table.half, table.value
+    if not len(half) or value.shape[2] != 3 * motors:
+        return None
+    n = len(node)
+    basis = np.linalg.inv(np.polynomial.chebyshev.chebvander(node, n - 1))
+    once, twice = (
+        np.polynomial.chebyshev.chebval(
+            node, np.polynomial.chebyshev.chebint(basis, k, lbnd=-1.0), tensor=True
+        ).T
+        for k in (1, 2)
+    )
+    step = _DIGITS * np.abs(value[..., 2 * motors :]).max(initial=0.0) or 1.0
+    a = np.round(value[..., 2 * motors :] / step) * step
+    h, x, v = half[:, None, None], value[..., :motors], value[..., motors : 2 * motors]
+    v0 = (v - h * (once @ a)).mean(axis=1, keepdims=True)
+    x0 = (x - h * (node[:, None] + 1.0) * v0 - h * h * (twice @ a)).mean(axis=1, keepdims=True)
+    again = x0 + h * (node[:, None] + 1.0) * v0 + h * h * (twice @ a), v0 + h * (once @ a), a
+    for made, wanted in zip(again, (x, v, value[..., 2 * motors :]), strict=True):
+        if np.abs(made - wanted).max() > _AGAIN * np.abs(wanted).max(initial=0.0):
+            return None
+    return {"start": np.concatenate([x0, v0], axis=1), "a": a, "once": once, "twice": twice}
+
+
 # What the page computes from the states of a run as `pinflex.recovery` does: poses, stresses.
 #
 # Everything here is read off the mechanism: which nodes of the kernel's tree carry what, and the
@@ -328,20 +363,22 @@ class Image:
             laid["integers"].append((at, int(value)))
 
 
-def laid_out(image: Image) -> tuple[dict[str, Any], Array]:
-    """The image as a header and one line of numbers, equal arrays once."""
-    heads, parts, places, size = list[tuple[int, str, int]](), list[Array](), dict[bytes, int](), 0
-    for n, kind, values in image.arrays:
-        at = -1
-        if values is not None:
-            key = values.tobytes()
-            if key not in places:
-                places[key], size = size, size + n
-                parts.append(values)
-            at = places[key]
-        heads.append((n, kind, at))
-    line = np.concatenate(parts) if parts else np.zeros(0)
-    return {"arrays": heads, "structures": image.structures}, line
+def laid_out(images: Iterable[Image]) -> tuple[list[dict[str, Any]], Array]:
+    """Each image as a header, and one line of their numbers: equal arrays once."""
+    headers, parts, places, size = list[dict[str, Any]](), list[Array](), dict[bytes, int](), 0
+    for image in images:
+        heads = list[tuple[int, str, int]]()
+        for n, kind, values in image.arrays:
+            at = -1
+            if values is not None:
+                key = values.tobytes()
+                if key not in places:
+                    places[key], size = size, size + values.size
+                    parts.append(values)
+                at = places[key]
+            heads.append((n, kind, at))
+        headers.append({"arrays": heads, "structures": image.structures})
+    return headers, np.concatenate(parts) if parts else np.zeros(0)
 
 
 # Steps of a batch: most runs of a page are one, whose error is told after its answer is shown.
@@ -349,6 +386,10 @@ TOGETHER = 64
 # Lengths of an octave that steps have here: the same steps in every browser, and in the native
 # kernel. A step is shorter by 1.6 % on average than it might be.
 GRAIN = 32
+# Contraction of Newton's iteration above which the next step has a new tangent: in few long steps
+# an old one lets stiff coordinates grow from one second correction to the next, and the error that
+# is told with them (82 times the true one on ur5 at 0.1, at most 2.3 times at 0.03).
+SLOW = 0.03
 _GIVEN_STAGES = ("free_at", "motor_v", "motor_q", "motor_paired", "plain_q", "plain_v", "circle_q",
                  "circle_v", "ball_q", "ball_v", "body_q", "body_v", "body_flat", "c", "A", "A2",
                  "A2_inverse", "value", "forward", "back", "kp", "kd")  # fmt: skip
@@ -420,7 +461,7 @@ def recipe(
     """
     problem = scene._problem(t, scene.equations())
     radau = scene._radau(problem, resolution)
-    radau.loose, radau.control = True, replace(radau.control, grain=GRAIN)
+    radau.loose, radau.control, radau.slow = True, replace(radau.control, grain=GRAIN), SLOW
     ends, jumps = (float(t[0]), float(t[-1])), breaks(scene.motion, scene._loads)
     tabulate(radau, scene.motion, ends, jumps)
     march = March(
@@ -463,10 +504,25 @@ def _laid_out(
         "motors": len(system.motors), "free": [int(i) for i in radau.problem.free],
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
     }  # fmt: skip
+    header["folded"] = _fold(image, march._table, kept, len(system.motors))
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
     header["part"], header["static"] = PART, scene.start.kind == "static"
+    header["slow"] = SLOW
     header["names"] = dict(image.names)
     return Recipe(image, header)
+
+
+def _fold(image: Image, table: Table, kept: _Kept, motors: int) -> dict[str, Any] | None:
+    """Leave the table out of the image, which has it at every march; what it is made again of."""
+    found = _folded(table, motors)
+    if found is None:
+        return None
+    at = [image.names[f"{k}/in/value"] for k in range(3)]
+    for k in at:
+        n, kind, _ = image.arrays[k]
+        image.arrays[k] = n, kind, np.zeros(0)
+    numbers = {name: kept(f"folded/{name}", x) for name, x in found.items()}
+    return {"values": at, "motors": motors, **numbers}
 
 
 class _Kept:

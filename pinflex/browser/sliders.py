@@ -20,15 +20,18 @@ from pinflex.browser.recipe import TableArrays as Tables
 from pinflex.browser.recipe import pattern_of, widened
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
+from pinflex.levels.modes import default_motion, ringing
 from pinflex.mechanics.mechanism import Mechanism, load
 
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 3000  # numbers of a slider: a page grows by 10 bytes each
+_MOST = 9000  # numbers of all such sliders: a page grows by five bytes each
+_STEP = 2.0**-36  # of the largest value of an entry: what its polynomial is rounded to
 _BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
+_MOTION = ("time", "motion")  # what needs no tables of its own
 PAYLOAD = "payload"  # name of the block that a payload is written as
 
 
@@ -40,7 +43,7 @@ class Slider:
         name, label, unit: What it is. low, high, value: Range, and where it stands at first.
         keys: Overrides: key, value and power of p. shown: What p is shown times.
         made_by: Overrides that say the same so that tables are straight lines of p; (): `keys`.
-        acts: On "tables", a "section", or "time".
+        acts: On "tables", a "section", "time", or the "motion", which it turns on (1) or off (0).
     """
 
     name: str
@@ -73,7 +76,8 @@ class Change:
     """What a slider does to arrays: entries by array, and values of these at the nodes.
 
     Attributes:
-        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries).
+        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries; a column may have any
+            constant added).
         entries, values: By array. error: Largest one between the nodes, relative to the array.
     """
 
@@ -124,7 +128,8 @@ def _times(value: Any, factor: float) -> Any:
 def proposed(mechanism: Mechanism) -> list[Slider]:
     """Sliders that a scene may have, from its YAML."""
     raw = mechanism.description.blocks()
-    return [*_payload(mechanism), *_speed(raw), *_damping(raw), *_gears(raw), *_sections(raw)]
+    moved = [*_speed(raw), *_shaper(mechanism, raw)]
+    return [*_payload(mechanism), *moved, *_damping(raw), *_gears(raw), *_sections(raw)]
 
 
 def _payload(mechanism: Mechanism) -> list[Slider]:
@@ -168,6 +173,30 @@ def _speed(raw: dict[str, Any]) -> list[Slider]:
     if not any(key.startswith("motion.") for key, _, _ in keys):
         return []
     return [Slider("speed", "speed of the move", TIMES, 0.5, 2.0, 1.0, tuple(keys), acts="time")]
+
+
+def _shaper(mechanism: Mechanism, raw: dict[str, Any]) -> list[Slider]:
+    """An input shaper for the mode that a move to a stop excites most, on or off.
+
+    Its frequency is that of the scene as it is written: other sliders leave it, but speed, which
+    stretches it with the move.
+    """
+    block = raw.get("motion")
+    if not isinstance(block, dict) or "shaper" in block:
+        return []
+    motion = default_motion(mechanism)
+    v = motion.evaluate(np.linspace(0.0, motion.duration, 101))[1]
+    if not np.any(v) or np.abs(v[[0, -1]]).max() > 1e-6 * np.abs(v).max():
+        return []  # no move from rest to rest
+    try:
+        found = ringing(mechanism, motion, 1)
+    except PinflexError:
+        return []
+    numbers = {"frequencies": found.frequencies, "damping": found.damping}
+    value: dict[str, Any] = {"kind": "zvd"}
+    value |= {key: [float(f"{x:.4g}") for x in array] for key, array in numbers.items()}
+    keys = (("motion.shaper", value, 0),)
+    return [Slider("shaper", "input shaper", "Hz", 0.0, 1.0, 0.0, keys, acts="motion")]
 
 
 def _damping(raw: dict[str, Any]) -> list[Slider]:
@@ -259,16 +288,24 @@ def changes(
 
     works, done = list[Slider](), dict[str, Change]()
     for slider in usable:
-        change = None if slider.acts == "time" else _change(slider, at)
+        change = None if slider.acts in _MOTION else _change(slider, at)
         if change is None:
             works.append(slider)
-        elif change.numbers > _MOST:
-            left[slider.label] = f"its tables would be {change.numbers} numbers"
         elif change.error > _BEYOND:
             left[slider.label] = f"tables between those made are off by {change.error:.1g}"
         elif change.entries:
             works.append(slider)
             done[slider.name] = change
+    room = _MOST
+    for slider in sorted(works, key=lambda x: done[x.name].error if x.name in done else 0.0):
+        change = done.get(slider.name)
+        size = change.numbers if change is not None and change.kind == "polynomial" else 0
+        if size > room:
+            works.remove(slider)
+            del done[slider.name]
+            left[slider.label] = f"the page would grow by {5e-3 * size:.0f} kB more"
+        else:
+            room -= size
     return Changes(tuple(works), done, pattern, left)
 
 
@@ -291,7 +328,7 @@ def _ranges(slider: Slider) -> list[Slider]:
 
 def _places(slider: Slider) -> list[float]:
     """Values of a slider at which tables are made."""
-    if slider.acts == "time":
+    if slider.acts in _MOTION:
         return []
     if slider.acts == "section":
         return [*_nodes(slider).tolist(), *_between(_nodes(slider)).tolist()]
@@ -350,8 +387,11 @@ def _polynomial(slider: Slider, tables: Mapping[float, Tables]) -> Change:
         e = np.flatnonzero(np.ptp(every, axis=0) > _NOTHING * size)
         if not len(e):
             continue
-        entries[name], values[name] = e, every[:, e].ravel()
-        missed = W @ every[:, e] - np.array([x[name][e] for x in wanted])
+        # The page adds differences, which are small: half of their digits are enough.
+        first, step = every[0, e], _STEP * np.abs(every[:, e]).max(axis=0)
+        rounded = np.round((every[:, e] - first) / step) * step
+        entries[name], values[name] = e, rounded.ravel()
+        missed = W @ rounded - (np.array([x[name][e] for x in wanted]) - first)
         error = max(error, _off(missed, 0.0 * missed, every))
     return Change("polynomial", nodes, entries, values, error)
 

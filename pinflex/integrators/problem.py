@@ -14,18 +14,16 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
-from pinflex.actuation.feedback import Sampler
-from pinflex.actuation.path import motor_axes
+from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.actuation.drive import Nominal
-    from pinflex.actuation.feedback import Signals
+    from pinflex.actuation.drive import Nominal, TorqueDrive
+    from pinflex.actuation.feedback import Sampler, Signals
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.system import System
 
 

@@ -35,7 +35,6 @@ from pinflex.results.views import (
     rms,
     worst_section,
 )
-from pinflex.rotations import rotation_vector
 from pinflex.text import short
 from pinflex.writing import write_csv
 
@@ -254,9 +253,8 @@ class Result(Display):
             frame: Name of an output frame of both runs.
         """
         same_grid(self, other)
-        mine, theirs = self.frame(frame), other.frame(frame)
-        turn = mine.rotation @ np.swapaxes(theirs.rotation, 1, 2)
-        return Deviation(self.t, mine.position - theirs.position, rotation_vector(turn))
+        theirs = other.frame(frame)
+        return self.frame(frame).away_from(theirs.position, theirs.rotation)
 
     def worst_stress(self, kind: str = "von_mises", link: str | None = None) -> Worst:
         """Largest stress over time, sections and links.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from pinflex.integrators.collocation import Alpha, Collocation
 from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import default_step, modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -32,9 +33,10 @@ from pinflex.recovery.kinematics import Samples
 from pinflex.recovery.links import resultants, stresses
 from pinflex.results.views import statistics
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.solver.scene import Progress, Scene
-from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from pinflex.solver.scene import Progress, Scene
 
 # A tolerance kept by one run that judges itself while it goes.
 #

@@ -257,7 +257,8 @@ def test_a_pin_that_turns_lies_where_its_friction_leans(part: float, tmp_path: P
     m = load(tmp_path, bodies, f"""gravity: [0, -{g}, 0]
 actuated: []
 loops: {{pin: {{kind: planar, between: [hole, wheel], clearance: {GAP}, pin: {PIN},
-               friction: {{coulomb: {sliding}, breakaway: {most}, stribeck: {falls}, speed: {slow}}}}}}}
+               friction: {{coulomb: {sliding}, breakaway: {most}, stribeck: {falls},
+                          speed: {slow}}}}}}}
 solve: {{level: coupled, start: straight}}
 """)  # fmt: skip
     y, v = m.undeformed(), np.array([0.0, 0.0, speed / (PIN / 2)])

@@ -1,12 +1,16 @@
 /* live.js: sliders in the page, whose every move is a run of its own (worker.js). */
-const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, took: 0};
+const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, pieces: {}};
 
 function livePanel() {
   const sliders = DATA.live.sliders.map((s) => {
     live.settings[s.name] = s.value;
     const output = el("output", {for: "live-" + s.name, class: "live-value"});
-    const input = el("input", {id: "live-" + s.name, type: "range", min: s.low, max: s.high, step: (s.high - s.low) / 200, value: s.value, disabled: true,
-      oninput: (e) => { live.settings[s.name] = +e.target.value; showSlider(s, input, output); ask(); }});
+    const range = s.acts === "motion" ? {type: "checkbox"} : {type: "range", min: s.low, max: s.high, step: (s.high - s.low) / 200, value: s.value};
+    const input = el("input", {id: "live-" + s.name, disabled: true, ...range, oninput: () => {
+      live.settings[s.name] = s.acts === "motion" ? +input.checked : +input.value;
+      for (const row of Object.values(live.rows)) showSlider(row.s, row.input, row.output);
+      ask();
+    }});
     live.rows[s.name] = {s, input, output};
     showSlider(s, input, output);
     return el("div", {class: "live-row"}, el("label", {for: "live-" + s.name}, s.label), output, input);
@@ -29,16 +33,23 @@ function openLive(open) {
   (open ? $("live-close") : $("live-open")).focus({preventScroll: true});
 }
 function showSlider(s, input, output) {
-  const x = s.shown * live.settings[s.name], text = s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
+  const x = s.shown * live.settings[s.name], on = shaperOf(s), text = s.acts === "motion" ? on ? `${on.kind}, ${digits(on.frequencies[0])} ${s.unit}` : "off" : s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
   output.textContent = text;
-  input.setAttribute("aria-valuetext", text);
+  if (s.acts !== "motion") input.setAttribute("aria-valuetext", text);
+}
+/* The shaper of the motion where it is on: the speed of the move stretches it, too. */
+function shaperOf(s) {
+  if (s.acts !== "motion" || live.settings[s.name] < 0.5) return null;
+  const value = s.keys[0][1];
+  return {...value, frequencies: value.frequencies.map((f) => f * (live.settings.speed ?? 1))};
 }
 /* Overrides that make a run of the command line the same. */
 function overrides() {
   const out = [];
   for (const s of DATA.live.sliders) {
-    const p = live.settings[s.name];
-    if (p === s.value) continue;
+    const p = live.settings[s.name], on = shaperOf(s);
+    if (on) out.push(`${s.keys[0][0]}=${JSON.stringify(on)}`);
+    if (p === s.value || s.acts === "motion") continue;
     const times = (x, f) => typeof x === "number" ? x * f : Array.isArray(x) ? x.map((y) => times(y, f)) : x && typeof x === "object" ? Object.fromEntries(Object.entries(x).map(([k, y]) => [k, times(y, f)])) : x;
     for (const [key, value, power] of s.keys) out.push(`${key}=${JSON.stringify(times(value, p ** power))}`);
   }
@@ -58,10 +69,12 @@ async function copyLive() {
 const resetLive = () => moveSliders(Object.fromEntries(DATA.live.sliders.map((s) => [s.name, s.value])));
 function moveSliders(settings) {
   for (const [name, value] of Object.entries(settings)) {
-    const {s, input, output} = live.rows[name];
-    live.settings[name] = value; input.value = value;
-    showSlider(s, input, output);
+    const {s, input} = live.rows[name];
+    live.settings[name] = value;
+    if (s.acts === "motion") input.checked = value >= 0.5;
+    else input.value = value;
   }
+  for (const {s, input, output} of Object.values(live.rows)) showSlider(s, input, output);
   ask();
 }
 const liveSays = (text) => { $("live-status").textContent = text; };
@@ -77,7 +90,7 @@ function hear({data}) {
   if (data.id < live.shown || data.id === undefined) return;
   if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
   live.shown = data.id;
-  live.took = data.took;
+  live.times = {...(data.part === "torque" ? {} : live.times), [data.part]: data.took};
   if (S.run !== DATA.live.run) show(DATA.live.run);   // of several it is this one that sliders change
   live.got = {...(live.got && live.got.id === data.id ? live.got : {}), ...data};
   live[data.part](data);
@@ -94,10 +107,11 @@ live.torque = (d) => {
   $("time").min = R.t[0]; $("time").max = R.t[R.t.length - 1];
   if (S.zoom) S.zoom = null;
   S.t = R.t[0] + share * (R.t[R.t.length - 1] - R.t[0]);
-  drawPlots();
+  soon("plots", drawPlots);
   liveSays("shape …");
 };
 live.shape = (d) => {
+  if (d.rigid) movedRigid(d.rigid);
   for (const k of R.links) { const x = d.links[k.name]; for (const name of ["disp", "y_disp", "y_rigid"]) k[name] = Object.assign(x[name], {shape: k[name].shape}); }
   for (const b of R.bodies) if (d.bodies[b.name] && b.disp) b.disp = Object.assign(d.bodies[b.name], {shape: b.disp.shape});
   if (d.track && R.track) Object.assign(R.track, {disp: Object.assign(d.track.disp, {shape: R.track.disp.shape}), deviation: d.track.deviation, angle: d.track.angle});
@@ -105,10 +119,21 @@ live.shape = (d) => {
   scene.away = {};
   for (const b of scene.links) b.away = {};
   R.largest = Math.max(0, ...R.links.map((k) => maxAbs(k.disp)));
-  drawPath();
+  soon("path", drawPath);
   live.afresh();
   liveSays("stresses …");
 };
+/* The rigid robot that deflections are drawn from, where the motion is another one. */
+function movedRigid(rigid) {
+  for (const k of R.links) {
+    const [n, m] = k.rigid.shape, line = rigid.links[k.name], all = line.length / (3 * n);
+    for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) k.rigid.set(line.subarray(3 * (i * all + (m === 2 && j ? all - 1 : j)), 3 * (i * all + (m === 2 && j ? all - 1 : j)) + 3), 3 * (i * m + j));
+  }
+  const put = (to, from) => { if (to && from && to.length === from.length) to.set(from); };
+  for (const b of R.bodies) put(b.rigid, rigid.bodies[b.name]);
+  for (const f of R.forces) put(f.rigid, rigid.joints[f.name]);
+  if (R.track) put(R.track.rigid, rigid.track);
+}
 live.stress = (d) => {
   for (const k of R.links) {
     for (const key of Object.keys(k.fields)) if (d.fields[k.name][key]) k.fields[key] = Object.assign(d.fields[k.name][key], {shape: k.fields[key].shape});
@@ -119,33 +144,50 @@ live.stress = (d) => {
     const k = R.links.find((x) => x.name === c.name), f = k && k.fields.von_mises;
     if (f) c.y = Float32Array.from(R.t, (_, i) => { let m = 0; for (let j = i * f.shape[1]; j < (i + 1) * f.shape[1]; j++) m = Math.max(m, f[j]); return 1e-6 * m; });
   }
-  scene.peaks = {};
-  for (const b of scene.links) b.fields = linkFields(b.data, R.t.length);
-  setColours();
+  soon("fields", () => { for (const b of scene.links) b.fields = linkFields(b.data, R.t.length); scene.peaks = {}; });
+  soon("colours", setColours);
   live.afresh();
 };
 live.error = (d) => {
   const worst = Math.max(...Object.values(d.error)), percent = (x) => `${digits(100 * x, 2)} %`;
-  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `torque ±${percent(d.error.torque)}, deflection ±${percent(d.error.deflection)}: what a second correction of every step changes`}];
+  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `${Object.entries(d.error).map(([what, x]) => `${what} ±${percent(x)}`).join(", ")}: what a second correction of every step changes`}];
   if (d.told > 1e-9) told.push({kind: d.told > 1e-3 ? "care" : "plain", text: `tables ±${percent(d.told)}`, why: "tables between those that were made beforehand, of their largest entry"});
   for (const k of R.links) {
     const most = 1e-6 * maxAbs(k.fields.von_mises || [0]);
     if (k.strength > 0 && most > k.strength) told.unshift({kind: "bad", text: `${k.name} beyond yield`, why: `${digits(most)} MPa, yield ${digits(k.strength)} MPa`});
   }
   R.verdicts = told;
-  showVerdicts();
-  layoutChanged();                                  // labels keep clear of them
-  document.body.classList.remove("computing");
-  liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
-  live.done = d.id;
+  soon("verdicts", () => { showVerdicts(); layoutChanged(); });   // labels keep clear of them
+  soon("done", () => {
+    document.body.classList.remove("computing");
+    liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
+    live.done = d.id;
+  });
 };
 /* What is drawn of the run, again. */
 live.afresh = () => {
-  drawPlots();
-  openTable();
-  openBeam();
-  seek(S.t);
+  soon("plots", drawPlots);
+  soon("table", openTable);
+  soon("beam", openBeam);
+  soon("seek", () => seek(S.t));
 };
+/* Pieces of drawing by name, each once, as many in a frame of the animation as it has time for. */
+const pieces = new Map(), SHARE = 6;                // [ms]
+function soon(name, piece) {
+  if (!pieces.size) requestAnimationFrame(somePieces);
+  pieces.set(name, piece);
+}
+function somePieces() {
+  const until = performance.now() + SHARE;
+  for (const [name, piece] of pieces) {
+    pieces.delete(name);
+    const began = performance.now();
+    piece();
+    (live.pieces[name] = live.pieces[name] || []).push(performance.now() - began);   // for who measures
+    if (performance.now() > until) break;
+  }
+  if (pieces.size) requestAnimationFrame(somePieces);
+}
 function stopLive(why) {
   for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = true;
   liveSays(`This browser plays the run, but cannot compute (${why}).`);

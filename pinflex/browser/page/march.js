@@ -51,7 +51,7 @@ class March {
       if (end !== END.PAUSED) throw new Error(end === END.STUCK ? `steps get shorter without end at t = ${this.field(0, "t").toPrecision(4)} s` : "no unique start");
     }
     const count = this.field(0, "count"), h = this.step(0, "h", count, 1)[0];
-    this.put(0, "slow", Math.min(0.1, Math.sqrt(0.3 * h / this.span)));
+    this.put(0, "slow", Math.min(heap.header.slow, Math.sqrt(0.3 * h / this.span)));
     return count;
   }
   stages(k) { return this.heap.header.stages[k]; }

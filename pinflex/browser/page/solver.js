@@ -5,19 +5,34 @@ class Solver {
     this.values = values;
     /* Equal arrays stand once in the file; a slider may change one of them. */
     const total = header.arrays.reduce((sum, [n, , from]) => sum + (from < 0 ? 0 : n), 0), line = new Float64Array(total);
+    const {folded} = header;
     let at = 0;
-    this.header.arrays = header.arrays.map(([n, kind, from]) => {
+    this.header.arrays = header.arrays.map(([n, kind, from], k) => {
       if (from < 0) return [n, kind, from];
-      line.set(values.subarray(from, from + n), at);
+      if (!folded || !folded.values.includes(k)) line.set(values.subarray(from, from + n), at);
       at += n;
       return [n, kind, at - n];
     });
+    if (folded) this.unfold(folded, line);
     this.base = line;
     this.now = line.slice();
     this.heap = new Heap(kernel, header, line);
     this.march = new March(this.heap);
     this.equations = new Equations(this.heap);
     this.recovery = new Recovery(this.heap, this.equations, (k) => this.array(k));
+  }
+  /* The table of the motion out of accelerations and beginnings of its pieces (recipe.py). */
+  unfold({values, motors: m, ...numbers}, line) {
+    const {start, a, once, twice} = Object.fromEntries(Object.entries(numbers).map(([name, k]) => [name, this.array(k, line)]));
+    const n = Math.sqrt(once.length), half = this.array(this.header.names["0/in/half"], line), node = this.array(this.header.names["0/in/node"], line), tables = values.map((k) => this.array(k, line));
+    half.forEach((h, p) => {
+      for (let k = 0; k < n; k++) for (let i = 0; i < m; i++) {
+        let v = 0, x = 0;
+        for (let j = 0; j < n; j++) { const b = a[(p * n + j) * m + i]; v += once[k * n + j] * b; x += twice[k * n + j] * b; }
+        const x0 = start[2 * p * m + i], v0 = start[(2 * p + 1) * m + i], row = 3 * m * (p * n + k) + i;
+        for (const to of tables) { to[row] = x0 + h * (node[k] + 1) * v0 + h * h * x; to[row + m] = v0 + h * v; to[row + 2 * m] = a[(p * n + k) * m + i]; }
+      }
+    });
   }
   array(k, of = this.now) { const [n, , from] = this.header.arrays[k]; return of.subarray(from, from + n); }
   named(name, of) { return this.array(this.header.names[name], of); }

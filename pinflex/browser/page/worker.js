@@ -1,10 +1,12 @@
 /* worker.js: the page's other thread. A message {id, settings} is answered in parts, each as soon as it
 is known: torque, shape, stress (at first at some samples), error; a newer message stops the older one between them. */
-let solver = null, wanted = null, busy = false;
+let solvers = [], solver = null, wanted = null, busy = false;
 onmessage = async ({data}) => {
   if (data.wasm) {
     try {
-      solver = new Solver(await instantiated(data.wasm), data.header, data.values);
+      const {shaped, ...plain} = data.header;      // the same scene without and with the shaper of its motion
+      for (const header of [plain, ...shaped.map((x) => ({...x, sliders: plain.sliders}))]) solvers.push(new Solver(await instantiated(data.wasm), header, data.values));
+      solver = solvers[0];
       postMessage({ready: true});
     } catch (error) { postMessage({failed: String(error.message || error)}); }
     return;
@@ -23,6 +25,7 @@ const breath = () => new Promise((next) => { const {port1, port2} = new MessageC
 const single = (x) => Float32Array.from(x);
 
 async function answerTo({id, settings}) {
+  solver = solvers[settings.shaper >= 0.5 ? 1 : 0];
   const newer = async () => { await breath(); return wanted !== null; }, began = performance.now(), took = () => performance.now() - began;
   const found = solver.states(settings), n = solver.t.length, {recovery, header} = solver, o = header.outputs, {once} = found;
   postMessage({id, part: "torque", t: solver.t, torque: once.torque.slice(), steps: found.steps, took: took()});
@@ -33,7 +36,7 @@ async function answerTo({id, settings}) {
   }
   for (const [name, at] of Object.entries(o.bodies)) bodies[name] = difference(recovery.placed(poses, n, at), recovery.placed(still.poses, n, at));
   const track = o.platform && trackOf(recovery.placed(poses, n, o.platform), recovery.placed(still.poses, n, o.platform), n);
-  postMessage({id, part: "shape", links: shapes, bodies, track, took: took()});
+  postMessage({id, part: "shape", links: shapes, bodies, track, rigid: rigidOf(still, n), took: took()});
   if (await newer()) return;
   /* First at some samples, with straight lines between them; then at all. */
   const every = Math.floor(n / FIRST_SAMPLES), all = [...Array(n).keys()], some = all.filter((k) => k % every === 0 || k === n - 1);
@@ -42,9 +45,23 @@ async function answerTo({id, settings}) {
     postMessage({id, part: "stress", rough, ...(rough ? between(stressed, which, n) : stressed), took: took()});
     if (await newer()) return;
   }
-  postMessage({id, part: "error", error: errorOf(once, found.again()), told: toldOf(settings), took: took()});
+  postMessage({id, part: "error", error: errorOf(once, found.again(), track), told: toldOf(settings), took: took()});
 }
 const FIRST_SAMPLES = 50;
+let drawn = null;
+/* The rigid robot, if it moves in another way than the one that was drawn last. */
+function rigidOf(still, n) {
+  if (drawn === null) drawn = solvers[0];
+  if (drawn === solver) return null;
+  drawn = solver;
+  const {recovery, header: {outputs: o}} = solver, placed = (at) => recovery.placed(still.poses, n, at), single3 = (p) => Float32Array.from({length: 3 * n}, (_, i) => p[12 * Math.floor(i / 3) + 4 * (i % 3) + 3]);
+  return {
+    links: Object.fromEntries(o.links.map((link) => [link.name, single(still.shapes[link.name].line)])),
+    bodies: Object.fromEntries(Object.entries(o.bodies).map(([name, at]) => [name, single(placed(at))])),
+    joints: Object.fromEntries(Object.entries(o.joints).filter(([, node]) => recovery.row.has(node)).map(([name, node]) => [name, single3(still.poses.subarray(12 * n * recovery.row.get(node), 12 * n * (recovery.row.get(node) + 1)))])),
+    track: o.platform && single3(placed(o.platform)),
+  };
+}
 /* Stresses and section forces of links, and forces of joints, at some samples of a run. */
 function stressesAt(which, found, bent, poses, still) {
   const {recovery, header} = solver, n = which.length, settled = solver.settled(found, which), forces = recovery.forces(n, settled), fields = {}, sections = {}, full = solver.t.length;
@@ -121,15 +138,25 @@ function jointForces(forces, poses, still, which) {
   }
   return out;
 }
-/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque and deflection. */
-function errorOf(once, twice) {
-  const {nq, nq_rigid} = solver.header.counts, {part} = solver.header;
+/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque,
+deflection, and the platform, of how far it is off the rigid robot. */
+function errorOf(once, twice, track) {
+  const {nq, nq_rigid} = solver.header.counts, {part, outputs} = solver.header, n = solver.t.length;
+  const over = (apart, size) => size > 0 ? Math.max(apart / size / part, 1e-10) : 0;
   const far = (a, b, from, width) => {
     let apart = 0, size = 0;
     for (let i = 0; i < a.length; i++) if (i % width >= from) { apart = Math.max(apart, Math.abs(a[i] - b[i])); size = Math.max(size, Math.abs(b[i])); }
-    return size > 0 ? Math.max(apart / size / part, 1e-10) : 0;
+    return over(apart, size);
   };
-  return {torque: far(once.torque, twice.torque, 0, 1), deflection: far(once.y, twice.y, nq_rigid, nq)};
+  const error = {torque: far(once.torque, twice.torque, 0, 1), deflection: far(once.y, twice.y, nq_rigid, nq)};
+  if (!track) return error;
+  const {recovery} = solver, pose = recovery.placed(recovery.poses(n, twice.y), n, outputs.platform);
+  let apart = 0, size = 0;
+  for (let k = 0; k < n; k++) {
+    apart = Math.max(apart, Math.hypot(...[0, 1, 2].map((r) => pose[12 * k + 4 * r + 3] - track.position[3 * k + r])));
+    size = Math.max(size, track.deviation[k]);
+  }
+  return {...error, platform: over(apart, size)};
 }
 /* Largest error that tables between nodes have, of the sliders that are off theirs. */
 function toldOf(settings) {

@@ -86,7 +86,9 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
     return ON;
   }
   m->follows = 0;
-  if (kind == RESTARTS) m->h = fmin(m->h, m->first);
+  /* In a step so much shorter inertia counts more than stiffness: of another pose, Newton's iteration
+     converges in the large and diverges in the stiff coordinates, which corrections would show. */
+  if (kind == RESTARTS) m->h = fmin(m->h, m->first), m->stale = 1;
   return (int)kind;
 }
 

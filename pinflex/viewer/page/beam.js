@@ -69,6 +69,7 @@ function drawDiagrams() {
     q.chart.figure.classList.toggle("chosen", q === beam.chosen);
     q.chart.figure.classList.toggle("wide", q.key === "von_mises");
   }
+  for (const q of beam.list) q.chart.measure();
   for (const q of beam.list) {
     q.chart.draw();
     const back = beam.x.map((v, i) => [v, q.low[i]]).reverse();
@@ -85,7 +86,7 @@ function drawHistory() {
   const title = `${q.title} at x = ${digits(beam.x[beam.station])} mm`;
   const names = twin ? el("span", {class: "names"}, el("span", {class: "dash"}, `┄ ${otherName()}`)) : null;
   beam.time = new Chart(host, {title, unit: q.unit, x: span(), y: rangeOf(...ways.map((way) => way[1])), close: !!S.zoom, xUnit: "s", names, pick: (t) => seek(t), zoom: zoomOf,
-    label: `${title} over time, in ${q.unit}`}).draw();
+    label: `${title} over time, in ${q.unit}`}).measure().draw();
   ways.forEach((way, i) => beam.time.add(i < ways.length - 1 ? "curve rigid" : "curve", 0).setAttribute("d", beam.time.way(...way)));
   beam.y = y;
 }

@@ -10,9 +10,14 @@ class Chart {
     host.append(this.figure);
     this.spec = {x, y, close, xUnit, pick, zoom, label: label || `${title} in ${unit}`};
   }
-  draw() {                                         // once its place in the page is known
-    const {x, xUnit, pick, zoom, close, label} = this.spec, [a, b] = this.spec.y, box = this.figure;
-    const w = this.w = Math.max(box.clientWidth - 12, 60), h = this.h = Math.max(box.clientHeight - box.firstChild.offsetHeight - 8, 40);
+  measure() {                                      // once its place in the page is known
+    const box = this.figure;
+    this.w = Math.max(box.clientWidth - 12, 60);
+    this.h = Math.max(box.clientHeight - box.firstChild.offsetHeight - 8, 40);
+    return this;
+  }
+  draw() {
+    const {x, xUnit, pick, zoom, close, label} = this.spec, [a, b] = this.spec.y, {w, h} = this;
     const svg = this.svg = el("svg", {role: "img", "aria-label": label, viewBox: `0 0 ${w} ${h}`, width: w, height: h});
     const low = close && a < b ? a : Math.min(a, 0), high = close && a < b ? b : Math.max(b, 0), top = high > low ? high : low + 1;
     let step = nice((top - low) / (h < 70 ? 2 : 3.2));
@@ -37,7 +42,7 @@ class Chart {
     }
     this.cursor = el("line", {y1: 3, y2: h - LOW, class: "cursor"});
     svg.append(this.cursor);
-    box.append(svg);
+    this.figure.append(svg);
     return this;
   }
   under(e) {                                       // x below the pointer

@@ -47,7 +47,8 @@ function drawPlots() {
     chart.values.append(...shown);
     return {p, values, drawn, chart};
   });
-  for (const {chart, drawn} of plots) {            // all in place before any is measured
+  for (const {chart} of plots) chart.measure();    // all in place before any is measured, and all measured before any is drawn:
+  for (const {chart, drawn} of plots) {            // the browser lays the page out once
     chart.draw();
     for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
   }

@@ -1,0 +1,95 @@
+"""Pages that compute, at random places of their sliders: `python -m tests.benchmarks.live`.
+
+For each model a page is written and opened in headless Chromium; its sliders are moved to places at
+random, and what the page has computed is held against
+
+- the native kernel in the same steps and what `pinflex.recovery` reads off it, round-off apart, and
+- `pf.solve` with the page's own overrides at a hundredth of its tolerance (what the page tells as
+  its error should cover that).
+
+Printed: largest differences of torque, platform (of how far it is off the rigid robot) and stress;
+told over true error; times from a move to the torques and to everything; and the longest pieces of
+drawing that a re-run adds to a frame of the animation (median and largest over the run).
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pinflex as pf
+from tests.browser.chromium import Browser
+from tests.browser.trying import TOL, differences, moved, opened, same_steps, somewhere
+
+MODELS = ("delta", "ur5", "3rrr")
+KEYS = ("torque", "platform", "stress")
+
+
+def row(browser: Browser, model: str, page: Path, places: int, seed: int) -> dict[str, Any]:
+    """What is printed of a model."""
+    opened(browser, page)
+    rng = np.random.default_rng(seed)
+    same, true, told, times, tables = [], [], [], [], 0.0
+    for _ in range(places):
+        found = moved(browser, somewhere(browser, rng))
+        mechanism = pf.load(model, found["overrides"])
+        t = np.array(found["t"])
+        same.append(differences(found, same_steps(mechanism, t), mechanism))
+        run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
+        true.append(differences(found, run, mechanism))
+        told.append([found["error"][key] / true[-1][key] for key in ("torque", "platform")])
+        times.append(found["took"])
+        tables = max(tables, found["tables"])
+    pieces = browser.run("return pinflex.live.pieces")
+    return {
+        "same": {key: max(x[key] for x in same) for key in KEYS},
+        "true": {key: max(x[key] for x in true) for key in KEYS},
+        "told": (float(np.min(told)), float(np.median(told)), float(np.max(told))),
+        "tables": tables,
+        "times": {key: float(np.median([x[key] for x in times])) for key in ("torque", "error")},
+        "pieces": {name: (float(np.median(x)), max(x)) for name, x in pieces.items()},
+    }
+
+
+def lines(found: dict[str, Any]) -> list[str]:
+    """A row in words."""
+    off = {
+        key: ", ".join(f"{k} {x:.1e}" for k, x in found[key].items()) for key in ("same", "true")
+    }
+    least, middle, most = found["told"]
+    pieces = sorted(found["pieces"].items(), key=lambda x: -x[1][0])[:4]
+    drawn = ", ".join(f"{name} {a:.0f} ({b:.0f})" for name, (a, b) in pieces)
+    return [
+        f"off the native kernel    {off['same']}",
+        f"off pf.solve             {off['true']}",
+        f"told over true error     {least:.2f} to {most:.2f}, median {middle:.2f}",
+        f"told of tables           {found['tables']:.1e}",
+        "ms to torques, to all    " + ", ".join(f"{x:.0f}" for x in found["times"].values()),
+        f"ms a piece of drawing    {drawn}",
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("models", nargs="*", default=MODELS)
+    parser.add_argument("--places", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=31)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        browser = Browser(Path(folder) / "profile")
+        try:
+            for model in asked.models:
+                page = pf.live_page(model, Path(folder) / f"{model}.html").path
+                print(f"{model}, {asked.places} places, {page.stat().st_size / 1e6:.2f} MB")
+                found = row(browser, model, page, asked.places, asked.seed)
+                print("".join(f"  {line}\n" for line in lines(found)), end="", flush=True)
+        finally:
+            browser.driver.quit()
+
+
+if __name__ == "__main__":
+    main()
