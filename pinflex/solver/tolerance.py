@@ -474,15 +474,12 @@ class _Refinement:
                 break
         self.runs = 2
         self._add(fine)
-        compare, whole = self.compare, len(coarse.t) == len(fine.t)
-        if not whole:
+        if len(coarse.t) < len(fine.t):
             spec, scene = self.scene.spec, self.scene
             self.compare = Outputs(scene.mechanism, scene.motion, coarse.t, spec.asked or ASKED)
+            fine.settings["judged"] = f"two runs up to {coarse.t[-1]:.4g} s, where they part"
         last = self._judged(coarse, fine.at(upto))
-        self.compare = compare
         settings: Settings = {**fine.settings, "tol": self.tol, "error": last.settings["error"]}
-        if not whole:
-            settings["judged"] = f"two runs up to {coarse.t[-1]:.4g} s, where they part"
         words = (*fine.warnings, *ringing(self.scene, fine))
         return coarse, replace(
             fine, settings=settings, cost=last.cost, judged=last.judged, warnings=words
