@@ -15,7 +15,7 @@ import contextlib
 import itertools
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -47,23 +47,39 @@ from pinflex.threads import one_blas_thread
 _WORDS = {0: "more modes", 1: "one more segment"}
 _THICK = ("shear", "rotary_inertia")
 _CELLS = 0.6  # of their length: two thirds of an error of second order go, for 5 times the cells
+_SMOOTHER = "half the speed that smooths friction"
 _MORE_MODES = 6  # of a solid: the next six tell what all others leave, to a third
 
 
 def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The scene with all deformations, second order and twice the segments; and what that is.
 
-    Of solids with more modes, and with shorter cells where pinflex makes the mesh.
+    Of solids with more modes, and with shorter cells where pinflex makes the mesh; pins that rub in
+    their holes smoothly below half the speed.
     """
     failed: PinflexError | None = None
+    rubs = list(_smoother(mechanism))
     for changes, words in _richer(mechanism):
+        said = ", ".join(filter(None, [words, _SMOOTHER if rubs else ""]))
         try:
-            more, n = enlarged(mechanism, changes)
+            more, n = enlarged(mechanism, [*changes, *rubs])
             if more is not None:
-                return more, f"{words}: {n} coordinates"
+                return more, f"{said}: {n} coordinates"
         except PinflexError as error:
             failed = error
     raise failed or DescriptionError("a richer model is too large")
+
+
+def _smoother(mechanism: Mechanism) -> Iterator[str]:
+    """Changes that halve the speed below which the friction of pins in their holes is smooth."""
+    hinges = mechanism.description.blocks().get("joints") or {}
+    for loop in mechanism.description.loops:
+        law = loop.friction
+        if loop.clearance is not None and law is not None and law.dry:
+            at, values = "joints" if loop.name in hinges else "loops", asdict(law)
+            values["speed"] *= 0.5
+            told = ", ".join(f"{key}: {x!r}" for key, x in values.items() if key != "viscous")
+            yield f"{at}.{loop.name}.friction={{{told}}}"
 
 
 def _richer(mechanism: Mechanism) -> Iterator[tuple[list[str], str]]:
@@ -325,8 +341,10 @@ def error_bars(
 
 def _not_measured(result: Result, mechanism: Mechanism) -> str:
     """Why nothing tells what a model leaves out, "" if something does."""
-    if not mechanism.parts:
+    if not (mechanism.parts or any(_smoother(mechanism))):
         return "no link is flexible"
+    if "parts" in result.meta.get("settings", {}):
+        return "single histories part at contacts, of one model too"
     if result.meta.get("status") == "stopped":
         return "the run stopped"
     if result.meta.get("settings", {}).get("start") in _GIVEN:
@@ -378,6 +396,7 @@ def _only_by_a_run(
         or acting
         or options.get("start_speeds")
         or spec.start_speeds
+        or settings.get("clearances")  # a look knows ideal joints only
         or mechanism.report.mobility != len(mechanism.rigid.motors)
     )
 

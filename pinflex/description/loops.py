@@ -10,6 +10,7 @@ import numpy as np
 
 from pinflex import registered
 from pinflex.description.blocks.external import WORLD, ends
+from pinflex.description.blocks.joints import FRICTION, Friction, read_friction
 from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
@@ -99,6 +100,21 @@ def register_loop_kind(kind: LoopKind) -> None:
     registered.note(register_loop_kind, kind.name, kind)
 
 
+def _pin_friction(value: object, where: str) -> Friction:
+    """Coulomb's coefficient of pin and hole, or the block `friction` with coefficients in it."""
+    if not isinstance(value, Mapping):
+        value = {"coulomb": schema.number(value, where, low=0)}
+    for key in ("coulomb", "breakaway"):
+        if key in value:
+            schema.number(value[key], schema.at(where, key), low=0)  # which has no unit
+    if "viscous" in value:
+        raise DescriptionError(
+            f"{schema.at(where, 'viscous')}: pin and hole rub by coefficients, which have no "
+            "viscous part. Remove it."
+        )
+    return read_friction(value, where)
+
+
 @dataclass(frozen=True)
 class Loop:
     """A joint that closes a loop between two frames of the tree.
@@ -123,7 +139,7 @@ class Loop:
             in it [m].
         restitution: Part of the speed that a blow gives back, above 0 to 1.
         contact: What a blow is damped by: one of `CONTACTS`.
-        friction: Coulomb's coefficient of pin and hole.
+        friction: Of pin and hole, its coulomb and breakaway as coefficients.
         grounded: Whether the frame called `WORLD` is a place on the ground: that which the guess
             of home gives to the other frame.
         at: Point of the ground instead of it [m].
@@ -146,7 +162,7 @@ class Loop:
     axial: float | None = schema.real(None, "length", above=0)
     across: Vec3 | None = schema.direction_key(None)
     height: float = schema.real(0.0, "length", low=0)
-    friction: float = schema.real(0.0, low=0)
+    friction: Friction | None = schema.key(None, _pin_friction, form=FRICTION)
     restitution: float = schema.real(0.9, above=0, high=1)
     contact: str = schema.word("flores", CONTACTS)
     pin_material: str = schema.word("steel", MATERIALS)
@@ -218,7 +234,7 @@ def _with_clearance(loop: Loop, block: schema.Block) -> Loop:
             f"{contact} is for pins, by Hertz. A slider meets its guide as a rigid body: remove "
             "it, or write rigid.",
         )
-    if contact == "rigid" and loop.friction:
+    if contact == "rigid" and loop.friction is not None and loop.friction.dry:
         raise block.error("friction", "rigid blows have none. Remove it, or write contact: flores.")
     if guide and (loop.across is None or abs(np.dot(loop.across, loop.axis)) > _UPRIGHT):
         raise block.error(

@@ -261,7 +261,8 @@ class Settings(TypedDict, total=False):
     start: Where it started: straight, static, ... drive: "prescribed" or "torque".
     tol: Tolerance. error: Estimated error by output. judged: By what.
     events: Contacts. clearances: Of pins, by name [m].
-    share: Multipliers of shared torques. interpolated: Error of torques between steps [N m | N].
+    parts: When two runs alike part at contacts [s]. share: Multipliers of shared torques.
+    interpolated: Error of torques between steps [N m | N].
     """
 
     integrator: str
@@ -279,6 +280,7 @@ class Settings(TypedDict, total=False):
     judged: str
     events: list[dict[str, Any]]
     clearances: dict[str, float]
+    parts: float
     share: dict[str, Any]
     interpolated: float
 

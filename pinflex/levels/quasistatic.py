@@ -36,9 +36,10 @@ _REAL = 1e-7  # of |s|: round-off of a growth or a turn; at a double root it is 
 
 
 def acts_without_potential(system: System, t: float = 0.0) -> bool:
-    """Whether a load at a time t [s] follows its frame, or is a moment."""
+    """Whether a load at a time t [s] follows its frame, is a moment, or a pin rubs in its hole."""
     loads = (force for force, _ in system.loads.forces if force.scale(t))
-    return any(force.follower or any(force.moment) for force in loads)
+    rubs = any(touch.friction or touch.excess for touch in system.loads.touches)
+    return rubs or any(force.follower or any(force.moment) for force in loads)
 
 
 def coupled(skew: Array, x: Array, omega2: Array) -> tuple[Array, Array]:

@@ -20,9 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.description.blocks.joints import Friction
 from pinflex.description.blocks.material import named
 from pinflex.description.loops import Loop
-from pinflex.mechanics.model.loads import BALL, PIN, WALL, Attachment, Touch
+from pinflex.mechanics.model.loads import BALL, PIN, WALL, Attachment, Touch, excess
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -294,10 +295,10 @@ def spring_law(spring: FrameSpring) -> tuple[Piece, ...]:
 #     chi = 8 (1 - e_r) / (5 e_r)    Flores, Machado, Silva, Martins (2011), Multibody Syst. Dyn. 25
 #
 # The first is for e_r near 1. `rigid` is the limit of stiff bodies: x' is given back at once
-# (`pinflex.integrators.events`). Where it slides it is rubbed by mu F tanh(speed / v_s).
+# (`pinflex.integrators.events`). Where it slides it is rubbed by the law of joints' friction with F
+# times its coefficients.
 
 _HERTZ = 1.5
-_SLIDING = 1e-3  # m/s: friction is smoothed below, as that of joints
 
 
 def stiffness(loop: Loop) -> float:
@@ -367,8 +368,11 @@ def _let_go(system: System, k: int, loop: Loop) -> IntArray:
 
 def _touches(loop: Loop, a: Attachment, b: Attachment) -> Iterator[Touch]:
     """Where the bodies of a loop may touch."""
-    gap, mu, R = loop.clearance or 0.0, loop.friction, a.placement.rotation
-    one = Touch(loop.name, PIN, a, b, _axis(R, 2), gap, 0.5 * (loop.pin or 0.0), mu, _SLIDING, 0)
+    gap, rubs, R = loop.clearance or 0.0, loop.friction or Friction(), a.placement.rotation
+    one = Touch(
+        loop.name, PIN, a, b, _axis(R, 2), gap, 0.5 * (loop.pin or 0.0), rubs.coulomb, rubs.speed,
+        0, excess(rubs), rubs.stribeck,
+    )  # fmt: skip
     if loop.kind == "prismatic":
         x, z = np.array(_axis(b.placement.rotation, 0)), np.array(_axis(b.placement.rotation, 2))
         half, end = 0.5 * loop.height, 0.5 * (loop.length or 0.0)

@@ -474,15 +474,12 @@ class _Refinement:
                 break
         self.runs = 2
         self._add(fine)
-        compare, whole = self.compare, len(coarse.t) == len(fine.t)
-        if not whole:
+        if len(coarse.t) < len(fine.t):
             spec, scene = self.scene.spec, self.scene
             self.compare = Outputs(scene.mechanism, scene.motion, coarse.t, spec.asked or ASKED)
+            fine.settings["judged"] = f"two runs up to {coarse.t[-1]:.4g} s, where they part"
         last = self._judged(coarse, fine.at(upto))
-        self.compare = compare
         settings: Settings = {**fine.settings, "tol": self.tol, "error": last.settings["error"]}
-        if not whole:
-            settings["judged"] = f"two runs up to {coarse.t[-1]:.4g} s, where they part"
         words = (*fine.warnings, *ringing(self.scene, fine))
         return coarse, replace(
             fine, settings=settings, cost=last.cost, judged=last.judged, warnings=words
@@ -502,9 +499,11 @@ class _Refinement:
                 f"contacts: two runs, one in shorter steps, differ by {_worst(fine):.2g}, which is "
                 f"not well within tol = {tol:g}."
             )
-        return replace(
-            fine, warnings=(*fine.warnings, words), several=partial(self._several, fine, self.size)
-        )
+        settings: Settings = {**fine.settings}
+        if np.isfinite(when):
+            settings["parts"] = when
+        several = partial(self._several, fine, self.size)
+        return replace(fine, settings=settings, warnings=(*fine.warnings, words), several=several)
 
     def _several(self, fine: Run, size: float) -> dict[str, dict[str, object]]:
         """Statistics of three runs: one, a coarser one, and that with other speeds at the start."""

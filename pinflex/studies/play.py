@@ -213,9 +213,9 @@ def _pins_of_tree(
     model, data = system.expansion.model, system.expansion.model.createData()
     pin.computeJointJacobians(model, data, q)
     frame = system.expansion.frames[str(mechanism.description.platform)]
-    carries = _ancestors(model, frame.joint)
+    carries = set(model.supports[frame.joint])
     shift, found = _shifts(dynamics, q, closed), list[_Loose]()
-    above = [_ancestors(model, int(body)) for body in closed.bodies]
+    above = [set(model.supports[int(body)]) for body in closed.bodies]
     loops = len(closed.names)
     for name, joint, ball in _tree_pins(mechanism):
         if name not in sizes:
@@ -294,11 +294,3 @@ def _every_row(mechanism: Mechanism, q: Array) -> Closures:
     for k, row in enumerate(every.distance_rows):
         lengths[k] = names.get(every.labels[row], lengths[k])
     return replace(every, local=kept.local, lengths=lengths)
-
-
-def _ancestors(model: pin.Model, joint: int) -> set[int]:
-    found = set[int]()
-    while joint:
-        found.add(joint)
-        joint = int(model.parents[joint])
-    return found

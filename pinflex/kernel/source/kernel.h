@@ -124,7 +124,7 @@ typedef struct {
   const double *sum;                                     /* [*sum_at] */
   const double *square;                                  /* [*square_at] psi */
   const double *touch_place_a, *touch_place_b, *touch_axis; /* [touches, 3] */
-  const double *touch_law;                               /* [touches, 4] gap, friction, v_0, radius */
+  const double *touch_law;                               /* [touches, 6] gap, mu, v_0, radius, E, v_s */
   const double *kink_start;                              /* [*kink_at] where pieces begin, rad | m */
   const double *kink_piece;                              /* [*kink_at, 7] see kinks.c */
 } Tables;

@@ -7,19 +7,23 @@
    so that x = u . e - gap and x' = u . d' are what a law of pieces (kinks.c) presses by, with N > 0
    beyond the rim. B is pressed by -N u; what touches is `radius` further out, where B slides by
 
-     q = d' + radius W x u - u x',      and is rubbed by    - mu N tanh(|q| / v_0) q / |q|
+     q = d' + radius W x u - u x',      and is rubbed by    - mu N tanh(|q| / v_0) q / |q|,
+
+   mu with E exp(-(|q| / v_s)^2) more, which is stiction.
 
    d' and W are the motion of B as A sees it. On A the same acts, opposite, at the same places. */
 #include "tangent.h"
 
 enum { BALL_IN, PIN_IN, AT_WALL };
-enum { GAP, FRICTION, SMOOTH, RADIUS };
+enum { GAP, FRICTION, SMOOTH, RADIUS, EXCESS, STRIBECK, WIDTH };
 
 typedef struct { double x, loss; Kink law; } Touch;
 
+static int rubs(const double *law) { return law[FRICTION] + law[EXCESS] != 0.0; }
+
 /* Force f on B at its middle and moment m about that, in axes of A; motion: d, d' and W. */
 static Touch touch(const Tables *t, const Work *w, Int k, const double *motion, double *f, double *m) {
-  const double *s = t->touch_axis + 3 * k, *law = t->touch_law + 4 * k, *d = motion, *way = motion + 3;
+  const double *s = t->touch_axis + 3 * k, *law = t->touch_law + WIDTH * k, *d = motion, *way = motion + 3;
   const double *turn = motion + 6;
   double u[3], q[3], along = times(s, d, 3), length = 0.0, rate, fast;
   for (int i = 0; i < 3; i++)
@@ -33,11 +37,12 @@ static Touch touch(const Tables *t, const Work *w, Int k, const double *motion, 
   Touch now = {.x = length - law[GAP], .law = kinked(t, w, t->touch_kink[k], length - law[GAP], rate)};
   now.loss = now.law.loss;
   for (int i = 0; i < 3; i++) f[i] = -now.law.force * u[i], m[i] = 0.0;
-  if (law[FRICTION] == 0.0 || now.law.force <= 0.0) return now;
+  if (!rubs(law) || now.law.force <= 0.0) return now;
   crossed(turn, u, q);
   for (int i = 0; i < 3; i++) q[i] = way[i] + law[RADIUS] * q[i] - rate * u[i];
   fast = sqrt(times(q, q, 3));
-  double rub = law[FRICTION] * now.law.force, held[3];
+  double slow = fast / law[STRIBECK], mu = law[FRICTION] + law[EXCESS] * exp(-slow * slow);
+  double rub = mu * now.law.force, held[3];
   /* tanh(x) / x is 1 at rest */
   double per_speed = fast > 1e-9 * law[SMOOTH] ? rub * tanh(fast / law[SMOOTH]) / fast : rub / law[SMOOTH];
   for (int i = 0; i < 3; i++) held[i] = -per_speed * q[i], f[i] += held[i];
@@ -125,9 +130,9 @@ void touch_places(const Tables *t, Work *w, int l, double *x) {
 
 /* Derivatives of f and m by motion, (6, 9), by central differences: Newton's iteration needs no more. */
 static void slopes(const Tables *t, const Work *w, Int k, const double *motion, double *out) {
-  const double *law = t->touch_law + 4 * k;
-  double far = 1e-6 * fmax(law[GAP], 1e-9), fast = 1e-4 * (law[FRICTION] != 0.0 ? law[SMOOTH] : 1.0);
-  double spin = law[FRICTION] != 0.0 ? fast / fmax(law[RADIUS], 1e-6) : fast;
+  const double *law = t->touch_law + WIDTH * k;
+  double far = 1e-6 * fmax(law[GAP], 1e-9), fast = 1e-4 * (rubs(law) ? law[SMOOTH] : 1.0);
+  double spin = rubs(law) ? fast / fmax(law[RADIUS], 1e-6) : fast;
   for (int j = 0; j < 9; j++) {
     double x[9], above[6], below[6], h = j < 3 ? far : j < 6 ? fast : spin;
     for (int i = 0; i < 9; i++) x[i] = motion[i];

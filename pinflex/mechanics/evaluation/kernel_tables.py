@@ -534,7 +534,9 @@ def _loads(loads: Loads, node_of: IntArray) -> dict[str, Any]:
         "touch_place_a": [one.a.placement.translation for one in loads.touches],
         "touch_place_b": [one.b.placement.translation for one in loads.touches],
         "touch_axis": [one.axis for one in loads.touches],
-        "touch_law": [(x.gap, x.friction, x.speed, x.radius) for x in loads.touches],
+        "touch_law": [
+            (x.gap, x.friction, x.speed, x.radius, x.excess, x.stribeck) for x in loads.touches
+        ],
     }
 
 

@@ -168,6 +168,7 @@ class Touch(NamedTuple):
         gap: e at which it touches [m]. radius: From b to what touches [m].
         friction: Coulomb's coefficient. speed: At which it is smoothed [m/s].
         law: Its law among those of the system.
+        excess, stribeck: E [-] and v_s [m/s] of friction at rest, as of `DryFriction`.
     """
 
     name: str
@@ -180,6 +181,8 @@ class Touch(NamedTuple):
     friction: float
     speed: float
     law: int
+    excess: float = 0.0
+    stribeck: float = 1.0
 
     def outward(self, d: Array) -> tuple[Array, Array]:
         """Unit vectors u towards the rim (n, 3), and u . d (n,), of ways d from a to b (n, 3)."""
@@ -199,7 +202,8 @@ class Touch(NamedTuple):
         pull = kinks.pull(self.law, length - self.gap, rate)
         slip = way + self.radius * np.cross(turn, out) - rate[:, None] * out
         fast = np.linalg.norm(slip, axis=1)
-        held = self.friction * np.maximum(pull.force, 0.0)
+        held = self.friction + self.excess * np.exp(-np.square(fast / self.stribeck))
+        held = held * np.maximum(pull.force, 0.0)
         smooth = np.tanh(fast / self.speed) / np.maximum(fast, 1e-300)
         rub = (
             -(held * np.where(fast > _FAINT * self.speed, smooth, 1.0 / self.speed))[:, None] * slip
@@ -371,18 +375,18 @@ class DryFriction:
         return np.asarray(np.sum(self.force(v) * v[..., self.rows], axis=-1))
 
 
-def _excess(rubs: Friction) -> float:
+def excess(rubs: Friction) -> float:
     """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""
     wanted = rubs.breakaway - rubs.coulomb
     if not wanted:
         return 0.0
     v = np.linspace(0.0, 3.0, _SPEEDS) * rubs.stribeck
     smooth = np.tanh(v / rubs.speed)
-    falling, excess = np.exp(-np.square(v / rubs.stribeck)) * smooth, wanted
+    falling, found = np.exp(-np.square(v / rubs.stribeck)) * smooth, wanted
     for _ in range(_ROUNDS):
-        at = int(np.argmax(rubs.coulomb * smooth + excess * falling))
-        excess = (rubs.breakaway - rubs.coulomb * smooth[at]) / falling[at]
-    return float(excess)
+        at = int(np.argmax(rubs.coulomb * smooth + found * falling))
+        found = (rubs.breakaway - rubs.coulomb * smooth[at]) / falling[at]
+    return float(found)
 
 
 def joint_friction(description: Description, model: pin.Model) -> DryFriction:
@@ -392,7 +396,7 @@ def joint_friction(description: Description, model: pin.Model) -> DryFriction:
         rubs = extra.friction
         if rubs is not None and rubs.dry and model.existJointName(name):
             row = int(model.joints[model.getJointId(name)].idx_v)
-            found.append((row, rubs.coulomb, _excess(rubs), rubs.stribeck, rubs.speed))
+            found.append((row, rubs.coulomb, excess(rubs), rubs.stribeck, rubs.speed))
     if not found:
         return DryFriction()
     rows, *numbers = zip(*found, strict=True)
