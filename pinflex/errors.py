@@ -145,3 +145,8 @@ def nearest(name: str, names: Iterable[str], limit: int = 12) -> str:
     hint = f' Did you mean "{close[0]}"?' if close else ""
     shown = ", ".join(n[:80] for n in known[:limit]) + (", ..." if len(known) > limit else "")
     return f"{hint} Allowed: {shown or 'none'}."
+
+
+def reason(error: PinflexError) -> str:
+    """Why a run stopped, without what only a Python caller can use."""
+    return str(error).replace(" error.result holds the run so far.", "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 import stat
 import sys
@@ -130,16 +131,18 @@ def plain(value: Any, finite: bool = True) -> Any:
     Raises:
         TypeError: Anything else.
     """
-    if isinstance(value, Mapping):
-        return {str(k): plain(v, finite) for k, v in value.items()}
+    if type(value) is float:  # most of a long table
+        return value if not finite or math.isfinite(value) else None
     if isinstance(value, (list, tuple)):
         return [plain(v, finite) for v in value]
     if isinstance(value, np.generic | np.ndarray):
         return plain(value.tolist(), finite)
     if isinstance(value, float):
-        return value if not finite or np.isfinite(value) else None
+        return value if not finite or math.isfinite(value) else None
     if value is None or isinstance(value, str | int):
         return value
+    if isinstance(value, Mapping):
+        return {str(k): plain(v, finite) for k, v in value.items()}
     if isinstance(value, Path):
         return str(value)
     raise TypeError(f"a {type(value).__name__} ({value!r}) is not plain data")

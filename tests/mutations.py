@@ -290,7 +290,7 @@ altered("pinflex.advice.error_bars", "< _SECTION * at[-1]", "< 1.0")
     ),
     "default steps by the first mode": (
         """
-altered("pinflex.solver.step_length", "min(2, len(alive) - 1)", "0")
+altered("pinflex.levels.modes", "min(2, len(alive) - 1)", "0")
 """,
         ["tests/unit/solver/test_step_length.py"],
     ),

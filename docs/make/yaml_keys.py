@@ -14,7 +14,7 @@ from typing import Any
 import claims
 import long_cells
 
-from pinflex.description.reading.json_schema import json_schema
+from pinflex.description.description import json_schema
 
 Form = dict[str, Any]
 _HEADING = re.compile(r"#+ (?:`(\w+)[^`]*`|(Top level))")

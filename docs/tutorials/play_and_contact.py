@@ -94,8 +94,8 @@ run.plot("loop/pin_2/orbit");
 # %% [markdown]
 # Read the last warning: blows multiply small differences, so that after some of them two runs
 # part whatever the step, even if their speeds start 1e-9 apart. Peaks, means and spectra are what
-# to ask for then, with their spread over three runs; or the history up to the time that the
-# warning names.
+# to ask for then, with their spread over three runs (two more, made when they are asked for); or
+# the history up to the time that the warning names.
 
 # %%
 motor = run.statistics["motor_1"]

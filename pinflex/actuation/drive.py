@@ -12,6 +12,7 @@ import numpy as np
 
 from pinflex.actuation.path import (
     MotorAxes,
+    MotorPath,
     Path,
     joint_curve,
     joint_path,
@@ -286,18 +287,6 @@ def _open_tree(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
 _FINE = 1e-10
 # Of a run: how far beside a jump its sides are looked at, beyond what laws snap to.
 _BESIDE = 1e-10
-
-
-@dataclass(frozen=True)
-class MotorPath:
-    """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
-
-    __repr__ = brief
-
-    t: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
 
 
 @dataclass(frozen=True, eq=False)

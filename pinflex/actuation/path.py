@@ -18,7 +18,6 @@ from pinflex.mechanics.evaluation.compiled import Kinematics
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates, poses_of_frames
 from pinflex.mechanics.manifold import Manifold
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment
 from pinflex.text import brief
 
@@ -79,6 +78,18 @@ class MotorAxes:
             whole = 2.0 * np.pi
             error[..., self.paired] -= whole * np.round(error[..., self.paired] / whole)
         return np.asarray(error)
+
+
+@dataclass(frozen=True)
+class MotorPath:
+    """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
+
+    __repr__ = brief
+
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
 
 
 def motor_axes(mechanism: Mechanism) -> MotorAxes:
@@ -255,6 +266,7 @@ class Path:
         self.passive = system.free
         self.platform: PlatformCoordinates | None = None
         self.sign = 0.0
+        self._last = np.zeros(0), np.zeros(0)  # the pose solved for, and its Jacobian
         self.rows = system.closed.n
         self.unknown, equations = self.passive, self.rows
         units = assembly.units(self.dynamics, mechanism.home)
@@ -354,6 +366,8 @@ class Path:
 
     def _jacobian(self, pose: Array) -> Array:
         """Jacobian of the rows at a pose, by all velocity rows, shape (1, k, nv)."""
+        if pose is self._last[0]:
+            return self._last[1]
         J = self.dynamics.close(pose[None]).J
         if self.platform is None:
             return J
@@ -369,6 +383,7 @@ class Path:
 
     def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:
         error, J = self.equations(pose[None], target)
+        self._last = pose, J
         return error[0], J[0][:, self.unknown]
 
     def solve(self, guess: Array, target: Array, time: float) -> Array:

@@ -29,6 +29,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
 from pinflex.integrators.problem import Run
+from pinflex.levels.modes import default_step
 from pinflex.levels.outputs import STILL, Outputs
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
@@ -37,7 +38,6 @@ from pinflex.progress import Progress, barred, callback
 from pinflex.results.verdict import BAND, TOL, platform_allowed
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
-from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
 from pinflex.text import percent
 from pinflex.threads import one_blas_thread

@@ -54,9 +54,6 @@ def finer_model(mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The scene with all deformations, second order and twice the segments; and what that is.
 
     Of solids with more modes, and with shorter cells where pinflex makes the mesh.
-
-    Raises:
-        DescriptionError: There is no such model.
     """
     failed: PinflexError | None = None
     for changes, words in _richer(mechanism):
@@ -426,11 +423,7 @@ class Look:
 
 
 def look(probe: Probe, motion: Motion, level: str = "coupled") -> Look:
-    """A model at a level, at some of the instants of its probe.
-
-    Raises:
-        ConvergenceError: Linear vibration does not describe the motion.
-    """
+    """A model at a level, at some of the instants of its probe."""
     some = compared(probe)
     return Look(probe, _at_level(probe, motion, level).at(some), some)
 
@@ -509,11 +502,7 @@ def _poses(
 
 
 def described(probe: Probe) -> Deviation:
-    """The vibration, corrected twice.
-
-    Raises:
-        ConvergenceError: The corrections do not shrink.
-    """
+    """The vibration, corrected twice."""
     march, once, twice = probe.marched(2)
     first, second = (float(np.max(np.abs(x.d - y.d), initial=0.0)) for x, y in
                      ((once, march), (twice, once)))  # fmt: skip

@@ -201,28 +201,16 @@ class Deviation:
 
     @classmethod
     def empty(cls, steps: int, system: System) -> Deviation:
-        """Room for one.
-
-        Args:
-            steps: Number of instants. system: Of what deviates.
-        """
+        """Room for one."""
         widths = (*(system.nv,) * 3, system.closed.n)
         return cls(*(np.empty((steps, width)) for width in widths))
 
     def put(self, s: slice, part: Deviation) -> None:
-        """Write some steps.
-
-        Args:
-            s: The steps. part: The deviation there.
-        """
+        """Write some steps."""
         self.d[s], self.v[s], self.a[s], self.lam[s] = part.d, part.v, part.a, part.lam
 
     def moved(self, d: Array, v: Array, a: Array) -> Deviation:
-        """With more of the motion.
-
-        Args:
-            d, v, a: So much, shape (nt, nv) each.
-        """
+        """With more of the motion."""
         return Deviation(self.d + d, self.v + v, self.a + a, self.lam)
 
     def plus(self, other: Deviation) -> Deviation:
@@ -286,11 +274,7 @@ class Probe:
     # Marches -------------------------------------------------------------------------------
 
     def march(self, shapes: Array | None = None) -> Deviation:
-        """The linear deviation, in all shapes or in the columns of `shapes` (nv, k).
-
-        Raises:
-            ConvergenceError: It grows without bound.
-        """
+        """The linear deviation, in all shapes or in the columns of `shapes` (nv, k)."""
         return self.marched(0, shapes)[0]
 
     def marched(self, times: int, shapes: Array | None = None) -> list[Deviation]:

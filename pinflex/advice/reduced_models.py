@@ -324,11 +324,7 @@ class Advice(Reported):
     seconds: float = 0.0
 
     def used(self, error: Errors) -> float:
-        """The largest error, each as a share of what is allowed.
-
-        Args:
-            error: By output.
-        """
+        """The largest error, each as a share of what is allowed."""
         return max((e / self.allowed.get(k, self.tol) for k, e in error.items()), default=0.0)
 
     def as_report(self) -> Report:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.flexible import BOUNDARIES, ORDERS
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import brief
 
@@ -40,7 +39,7 @@ _SHIFTS = {
     "clamped_clamped": 0.5,
     "free_free": 0.5,
 }
-assert tuple(_SHIFTS) == BOUNDARIES
+BOUNDARIES = tuple(_SHIFTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +175,8 @@ BENDING = ("v", "w")
 _KEPT = 64  # sets of places of a family
 # Hermite order of a bending field -> order of the torsion and the axial field that go with it.
 _COMPANIONS = {
-    "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
     "cubic": {"v": "cubic", "w": "cubic", "p": "linear", "u": "linear"},
+    "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
 }
 # Shape functions of an element of unit length in powers of xi = x / l: one row per coordinate,
 # (value, slope, curvature) at xi = 0, then at xi = 1. Scenes 1.1: n1..n6, n7..n10, (1 - e, e).
@@ -276,7 +275,7 @@ def hermite(
         eq. 20-21 (shear), with slope = rotation of the section.
     """
     if order not in _COMPANIONS:
-        text = f'order: unknown order "{order}".{nearest(order, ORDERS)}'
+        text = f'order: unknown order "{order}".{nearest(order, _COMPANIONS)}'
         raise DescriptionError(text, order=order)
     kind = _COMPANIONS[order][direction]
     bending = direction in BENDING

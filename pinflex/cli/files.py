@@ -56,7 +56,7 @@ def _arguments(texts: Sequence[str]) -> dict[str, str]:
 
 def run_schema(args: argparse.Namespace) -> int:
     """Print or write the schema."""
-    from pinflex.description.reading.json_schema import json_schema
+    from pinflex.description.description import json_schema
 
     text = json.dumps(json_schema(), indent=1) + "\n"
     if args.out:

@@ -18,7 +18,7 @@ import pinflex as pf
 from pinflex.cli.console import answer, load_model, print_json, working
 from pinflex.cli.options import samples, values
 from pinflex.description.solve import LEVELS
-from pinflex.errors import DescriptionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError, reason
 from pinflex.progress import Bar, Stages
 from pinflex.report import Report, Words, table
 from pinflex.text import COLUMNS, length, paragraph
@@ -107,7 +107,6 @@ def _interrupted(args: argparse.Namespace, stop: RunInterrupted) -> NoReturn:
 def _stopped(args: argparse.Namespace, error: SceneError) -> NoReturn:
     """Save the run up to its last good step and say where it is."""
     from pinflex.results.result import Result
-    from pinflex.studies.study import reason
 
     if not isinstance(error.result, Result):
         raise error

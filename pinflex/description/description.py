@@ -6,8 +6,8 @@ import copy
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +15,13 @@ import numpy as np
 import yaml
 
 from pinflex.description import sources
-from pinflex.description.blocks import curved, flexible
+from pinflex.description.blocks import control, curved, external, flexible
 from pinflex.description.blocks.control import Control, read_control
-from pinflex.description.blocks.external import (
-    AddedMass,
-    FrameForce,
-    FrameSpring,
-    Payload,
-    by_joint,
-    frame,
-    frames,
-    read_added_masses,
-    read_forces,
-    read_payload,
-    read_springs,
-)
+from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring, Payload
 from pinflex.description.blocks.flexible import Basis, EndMass, FlexibleLink
 from pinflex.description.blocks.joints import (
+    FRICTION,
+    JOINTS,
     SHARE,
     SINGLE,
     Coupling,
@@ -45,12 +35,13 @@ from pinflex.description.blocks.joints import (
 )
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import HOME_SIZES, Source, nameable
-from pinflex.description.loops import Loop, read_loops, resists
+from pinflex.description.loops import LOOPS, PIN, RESIST, Loop, read_loops, resists
 from pinflex.description.motions import motion
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.robots import urdf
 from pinflex.description.section import Section
+from pinflex.description.solve import KEYS as SOLVE
 from pinflex.description.solve import SolveSpec, read_solve
 from pinflex.description.trajectories import profiles
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
@@ -218,27 +209,31 @@ def find_file(source: str | Path) -> Path:
 __all__ = ["Basis", "Description", "EndMass", "FlexibleLink", "JointExtra", "Loop", "Material"]
 __all__ += ["Section", "SolveSpec", "model_names", "read"]
 
-KEYS = (
-    *(
-        "urdf",
-        "xacro_args",
-        "gravity",
-        "base",
-        "joints",
-        "actuated",
-        "share",
-        "loops",
-        "idle",
-        "home",
-    ),
-    *("platform", "frames", "flexible", "damping", "forces", "springs", "added_masses", "payload"),
-    "control",
-    *("motion", "solve", "limit", "allow", "use_urdf_dynamics"),
-)
 ALLOWED = ("wide", "heavy", "large")
+_NAMES = schema.LIST | {"items": schema.TEXT}
 
 
-@dataclass(frozen=True)
+def _named(table: schema.Table) -> schema.Form:
+    return schema.named_form(schema.block_form(table))
+
+
+def _joints_form() -> schema.Form:
+    return _named({key: LOOPS[key] for key in PIN} | JOINTS)  # of joints with clearance
+
+
+def _loops_form() -> schema.Form:
+    resist = {key: schema.bare({}) for key in RESIST} | {"friction": schema.bare(FRICTION)}
+    form = _named(LOOPS | resist)
+    del form["additionalProperties"]["anyOf"][0]["required"]  # a robot's file may have the rest
+    return form
+
+
+def _home_form() -> schema.Form:
+    number = schema.measure("angle")
+    return schema.named_form({"anyOf": [number, schema.LIST | {"items": number, "maxItems": 7}]})
+
+
+@dataclass(frozen=True, kw_only=True)
 class Description:
     """Everything a YAML and its URDF say, checked; models/README.md explains every key.
 
@@ -287,29 +282,37 @@ class Description:
     urdf_text: str
     yaml_text: str
     package_dirs: tuple[str, ...] = ()
-    gravity: Vec3 = schema.key((0.0, 0.0, -9.81), partial(schema.vector, of="acceleration"))
+    gravity: Vec3 = schema.triple((0.0, 0.0, -9.81), "acceleration")
     base: str = schema.word("fixed", ("fixed", "free_flyer"))
-    joints: dict[str, JointExtra] = field(default_factory=dict)
+    joints: dict[str, JointExtra] = schema.bare(_joints_form, schema.REQUIRED, required=False)
     couplings: tuple[Coupling, ...] = ()
-    actuated: tuple[str, ...] = ()
+    actuated: tuple[str, ...] = schema.bare(_NAMES, ())
     share: str | Tension = schema.key("least", read_share, form=SHARE)
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[Loop, ...] = schema.bare(_loops_form, ())
     idle: str = schema.word("held", ("held", "free"))
-    forces: tuple[FrameForce, ...] = ()
-    control: Control | None = None
-    springs: tuple[FrameSpring, ...] = ()
-    added_masses: tuple[AddedMass, ...] = ()
-    payload: Payload | None = None
-    home: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
-    platform: str | None = None
-    frames: tuple[str, ...] = ()
-    by_joint: dict[str, str] = field(default_factory=dict)
-    flexible: tuple[FlexibleLink, ...] = ()
+    home: Home = schema.bare(_home_form, schema.REQUIRED, required=False)
+    platform: str | None = schema.key(None, external.frame, given=True, form=schema.TEXT)
+    frames: tuple[str, ...] = schema.key((), external.frames, given=True, form=_NAMES)
+    by_joint: dict[str, str]
+    flexible: tuple[FlexibleLink, ...] = schema.bare(lambda: _named(flexible.KEYS), ())
     system_damping: tuple[float, float] = (0.0, 0.0)
-    motion: dict[str, Any] | None = None
-    solve: SolveSpec = field(default_factory=SolveSpec)
+    forces: tuple[FrameForce, ...] = schema.key(
+        (), external.read_forces, given=True, form=_named(external.FORCES)
+    )
+    springs: tuple[FrameSpring, ...] = schema.key(
+        (), external.read_springs, given=True, form=_named(external.SPRINGS)
+    )
+    added_masses: tuple[AddedMass, ...] = schema.key(
+        (), external.read_added_masses, given=True, form=_named(external.ADDED_MASSES)
+    )
+    payload: Payload | None = schema.key(
+        None, external.read_payload, given=True, form=schema.block_form(external.PAYLOAD)
+    )
+    control: Control | None = schema.bare(control.form)
+    motion: dict[str, Any] | None = schema.bare(motion.form)
+    solve: SolveSpec = schema.key(SolveSpec(), read_solve, form=lambda: schema.block_form(SOLVE))
     limit: float = schema.real(1.0, "ratio", above=0)
-    allow: tuple[str, ...] = schema.key((), partial(schema.names, allowed=ALLOWED, what="word"))
+    allow: tuple[str, ...] = schema.words(ALLOWED, "word")
     use_urdf_dynamics: bool = schema.flag(True)
     notes: tuple[str, ...] = ()
 
@@ -389,6 +392,28 @@ class Description:
         )
 
 
+KEYS = schema.keys(
+    Description, "urdf", "xacro_args", "gravity", "base", "joints", "actuated", "share", "loops",
+    "idle", "home", "platform", "frames", "flexible", "damping",
+    urdf=schema.bare(schema.TEXT, required=True),
+    xacro_args=schema.bare(schema.named_form({"type": ["string", "number", "boolean"]})),
+    damping=schema.bare(schema.block_form(flexible.DAMPING | {"scope": schema.bare({})})),
+)  # fmt: skip
+
+
+def json_schema() -> schema.Form:
+    """The JSON Schema of a YAML file, for editors: keys, words and bounds as the readers have them.
+
+    Shapes and kinds that are registered are in it. What one key alone cannot tell is left to the
+    readers.
+    """
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "pinflex description",
+        **schema.block_form(KEYS),
+    }
+
+
 def read(source: str | Path) -> Description:
     """Read and check a description."""
     if sources.is_packaged(source):
@@ -410,48 +435,44 @@ def _describe(
 ) -> Description:
     """Check the whole YAML; `tree` spares reading the robot again, `raw` parsing the text."""
     file = f"{name}.yaml" if path is None else path.name
-    place = {key: schema.at(file, key) for key in KEYS}
     raw = yaml_text.load(text, file) if raw is None else raw
-    block = schema.mapping(raw, file, KEYS, ("urdf",))
+    block = schema.Block(raw, file, KEYS)
     folder = Path() if path is None else path.parent
     if tree is None:
-        named, args = schema.text(block["urdf"], place["urdf"]), place["xacro_args"]
+        named, args = schema.text(block["urdf"], block.at("urdf")), block.at("xacro_args")
         arguments = {
             name: _argument(value, schema.at(args, name))
             for name, value in schema.mapping(block.get("xacro_args", {}), args).items()
         }
-        tree = sources.find(named, folder, place["urdf"], arguments)
-    block, tree, text = _written_out(block, text, file, tree)
+        tree = sources.find(named, folder, block.at("urdf"), arguments)
+    block, tree, text = _written_out(block, text, tree)
     joined = block.get("joints")
     extras = joined.values() if isinstance(joined, Mapping) else ()
     if any(isinstance(x, Mapping) and "clearance" in x for x in extras):
         from pinflex.description.robots.cut_joints import cut
 
-        block, tree = cut(block, tree, file)
+        written, tree = cut(block, tree, file)
+        block = schema.Block(written, file, KEYS)
     if _resisting(block):
         from pinflex.description.blocks.bushing import yielding  # late: few scenes have any
 
-        block, tree = yielding(block, place["loops"], tree)
-    values = schema.read(Description, block, place)
-    joints = read_joints(block.get("joints", {}), place["joints"], tree)
+        written, tree = yielding(block, tree)
+        block = schema.Block(written, file, KEYS)
+    values = block.read(tree)
+    joints = read_joints(block.get("joints", {}), block.at("joints"), tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
-    loops = read_loops(block.get("loops", {}), place["loops"], tree)
-    if "platform" in block:
-        values["platform"] = frame(block["platform"], place["platform"], tree)
-    if "frames" in block:
-        values["frames"] = frames(block["frames"], place["frames"], tree)
-    coupled = couplings(tree, joints, types, place["joints"])
-    motors, at = block.get("actuated"), place["actuated"]
-    actuated = read_actuated(motors, at, types, bool(loops), coupled)
-    _beside_motors(joints, actuated, coupled, place["joints"])
+    loops = read_loops(block.get("loops", {}), block.at("loops"), tree)
+    coupled = couplings(tree, joints, types, block.at("joints"))
+    motors = read_actuated(block.get("actuated"), block.at("actuated"), types, bool(loops), coupled)
+    _beside_motors(joints, motors, coupled, block.at("joints"))
     if values.get("use_urdf_dynamics", True):
         single = tuple(name for name in tree.joints if types[name] in SINGLE)
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
-    values["system_damping"], values["flexible"] = flexible.read(block, place, tree)
+    values["system_damping"], values["flexible"] = flexible.read(block, tree)
     if "motion" in block:
-        written = without_units(block["motion"], types)
+        moved = without_units(block["motion"], types)
         values["motion"] = read_motion(
-            written, place["motion"], folder, actuated, "platform" in block, tree.text
+            moved, block.at("motion"), folder, motors, "platform" in block, tree.text
         )
     return Description(
         name=name,
@@ -462,26 +483,14 @@ def _describe(
         package_dirs=tree.package_dirs,
         joints=joints,
         couplings=coupled,
-        actuated=actuated,
+        actuated=motors,
         loops=loops,
-        control=read_control(block.get("control", {}), place["control"], tree, actuated),
-        forces=read_forces(block.get("forces", {}), place["forces"], tree),
-        springs=read_springs(block.get("springs", {}), place["springs"], tree),
-        added_masses=read_added_masses(block.get("added_masses", {}), place["added_masses"], tree),
-        payload=_payload(block.get("payload"), place["payload"], tree),
-        home=read_home(block.get("home", {}), place["home"], types),
-        by_joint=by_joint(block, tree),
-        solve=read_solve(block.get("solve", {}), place["solve"]),
+        control=read_control(block.get("control", {}), block.at("control"), tree, motors),
+        home=read_home(block.get("home", {}), block.at("home"), types),
+        by_joint=external.by_joint(block, tree),
         notes=tree.notes,
         **values,
     )
-
-
-def _payload(value: object, where: str, tree: Source) -> Payload | None:
-    """The block `payload`; most scenes have none, and need no reader of it."""
-    if value is None:
-        return None
-    return read_payload(value, where, tree)
 
 
 def _robot(raw: Mapping[str, Any]) -> str:
@@ -503,18 +512,16 @@ def _argument(value: object, where: str) -> str:
     return str(value) if isinstance(value, int | float) else schema.text(value, where)
 
 
-def _written_out(
-    block: dict[str, Any], text: str, file: str, tree: Source
-) -> tuple[dict[str, Any], Source, str]:
+def _written_out(block: schema.Block, text: str, tree: Source) -> tuple[schema.Block, Source, str]:
     """Block, robot and YAML text, which says all that the robot's file does not (loops, chains)."""
     if tree.loops or tree.blocks:
-        block = schema.mapping(tree.joined(block), file, KEYS)
+        block = schema.Block(tree.joined(block), block.where, KEYS)
         text = _dumped(block)
-    straight = curved.straightened(block, schema.at(file, "flexible"), tree)
+    straight = curved.straightened(block, block.at("flexible"), tree)
     if straight is None:
         return block, tree, text
-    block, tree = straight
-    return block, tree, _dumped(block)
+    written, tree = straight
+    return schema.Block(written, block.where, KEYS), tree, _dumped(written)
 
 
 def _joint_types(tree: Source, joints: Mapping[str, JointExtra], base: str) -> dict[str, str]:

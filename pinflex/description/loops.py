@@ -135,8 +135,8 @@ class Loop:
     kind: str
     frame_a: str
     frame_b: str
-    axis: Vec3 = schema.key((0.0, 0.0, 1.0), schema.direction)
-    axis_b: Vec3 | None = schema.key(None, schema.direction)
+    axis: Vec3 = schema.direction_key((0.0, 0.0, 1.0))
+    axis_b: Vec3 | None = schema.direction_key(None)
     length: float | None = schema.real(None, "length", above=0)
     sleeve: float = schema.real(0.0, "length", low=0)
     pivoting: bool = schema.flag(False)
@@ -144,18 +144,24 @@ class Loop:
     clearance: float | None = schema.real(None, "length", above=0)
     pin: float | None = schema.real(None, "length", above=0)
     axial: float | None = schema.real(None, "length", above=0)
-    across: Vec3 | None = schema.key(None, schema.direction)
+    across: Vec3 | None = schema.direction_key(None)
     height: float = schema.real(0.0, "length", low=0)
     friction: float = schema.real(0.0, low=0)
     restitution: float = schema.real(0.9, above=0, high=1)
     contact: str = schema.word("flores", CONTACTS)
     pin_material: str = schema.word("steel", MATERIALS)
     grounded: bool = False
-    at: Vec3 | None = None
+    at: Vec3 | None = schema.bare(schema.place_form)
 
 
 RESIST = ("stiffness", "damping", "friction", "rest")  # keys of joints that resist
 BUSHING = "bushing"
+_KEPT = schema.keys(Loop)
+LOOPS = schema.keys(
+    Loop, "kind", "between",
+    kind=schema.bare(lambda: {"enum": [*LOOP_KINDS, BUSHING]}, required=True),
+    between=schema.bare(schema.PAIR, required=True),
+)  # fmt: skip
 
 
 def resists(spec: Mapping[str, Any]) -> bool:
@@ -170,82 +176,72 @@ def resists(spec: Mapping[str, Any]) -> bool:
 
 def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:
     """The block `loops`, in file order."""
-    return tuple(
-        _loop(name, item, schema.at(where, name), urdf)
-        for name, item in schema.mapping(value, where).items()
-    )
+    return tuple(_loop(name, block, urdf) for name, block in schema.entries(value, where, LOOPS))
 
 
-def _loop(name: str, value: object, where: str, urdf: Source) -> Loop:
-    keys = ("kind", "between", *schema.names_of(Loop), "at")
-    block = schema.mapping(value, where, keys, ("kind", "between"))
-    place = {key: schema.at(where, key) for key in keys}
-    kind = schema.choice(block["kind"], place["kind"], LOOP_KINDS)
-    pair = schema.items(block["between"], place["between"], 2)
+def _loop(name: str, block: schema.Block, urdf: Source) -> Loop:
+    kind = schema.choice(block["kind"], block.at("kind"), LOOP_KINDS)
+    pair = schema.items(block["between"], block.at("between"), 2)
     grounded = "at" in block or (WORLD not in urdf.links and WORLD in pair)
-    a, b = ends(pair, place["between"], urdf, grounded)
-    at = _at(block, place["at"], (a, b), kind)
-    for key in schema.names_of(Loop):
-        if key in block and key not in LOOP_KINDS[kind].keys:
+    a, b = ends(pair, block.at("between"), urdf, grounded)
+    at = _at(block, (a, b), kind)
+    for key in _KEPT:
+        if key in block and key != "at" and key not in LOOP_KINDS[kind].keys:
             owners = ", ".join(k.name for k in LOOP_KINDS.values() if key in k.keys)
-            raise DescriptionError(
-                f"{place[key]}: has no meaning for the kind {kind}, only for {owners}. "
-                "Remove it, or change the kind."
+            raise block.error(
+                key,
+                f"has no meaning for the kind {kind}, only for {owners}. Remove it, or change the "
+                "kind.",
             )
-    values = schema.read(Loop, block, place)
-    loop = Loop(name, kind, a, b, **values, grounded=grounded, at=at)
+    loop = Loop(name, kind, a, b, **block.read(), grounded=grounded, at=at)
     if loop.pivoting and loop.sleeve == 0:
-        raise DescriptionError(
-            f"{place['pivoting']}: a sleeve of no length turns anyway. Give `sleeve` in m."
-        )
-    loop = _with_clearance(loop, block, place)
+        raise block.error("pivoting", "a sleeve of no length turns anyway. Give `sleeve` in m.")
+    loop = _with_clearance(loop, block)
     if loop.pivoting and not loop.turning:
-        raise DescriptionError(
-            f"{place['turning']}: false, but `pivoting` lets the sleeve turn. Remove one of them."
+        raise block.error(
+            "turning", "false, but `pivoting` lets the sleeve turn. Remove one of them."
         )
     return loop
 
 
-def _with_clearance(loop: Loop, block: Mapping[str, Any], place: Mapping[str, str]) -> Loop:
+def _with_clearance(loop: Loop, block: schema.Block) -> Loop:
     """A loop whose keys of clearance fit each other."""
     if loop.clearance is None:
         keys = {*PIN, *GUIDE, "axial"} - ({"length"} if loop.kind == "distance" else set())
-        for key in [key for key in block if key in keys]:
-            raise DescriptionError(f"{place[key]}: the joint is ideal. Add `clearance` in m.")
+        block.only(keys, "the joint is ideal. Add `clearance` in m.")
         return loop
     guide = loop.kind == "prismatic"
     contact = "rigid" if guide and "contact" not in block else loop.contact
     if guide and contact != "rigid":
-        raise DescriptionError(
-            f"{place['contact']}: {contact} is for pins, by Hertz. A slider meets its guide as a "
-            "rigid body: remove it, or write rigid."
+        raise block.error(
+            "contact",
+            f"{contact} is for pins, by Hertz. A slider meets its guide as a rigid body: remove "
+            "it, or write rigid.",
         )
     if contact == "rigid" and loop.friction:
-        raise DescriptionError(
-            f"{place['friction']}: rigid blows have none. Remove it, or write contact: flores."
-        )
+        raise block.error("friction", "rigid blows have none. Remove it, or write contact: flores.")
     if guide and (loop.across is None or abs(np.dot(loop.across, loop.axis)) > _UPRIGHT):
-        raise DescriptionError(
-            f"{place['across']}: in which direction has the slider play? Give one perpendicular to "
-            f"`axis` {list(loop.axis)}, in frame {loop.frame_a}."
+        raise block.error(
+            "across",
+            "in which direction has the slider play? Give one perpendicular to `axis` "
+            f"{list(loop.axis)}, in frame {loop.frame_a}.",
         )
     if contact != "rigid" and loop.pin is None:
-        raise DescriptionError(
-            f"{place['clearance']}: of which pin? Add its diameter: `pin`; or contact: rigid."
-        )
+        raise block.error("clearance", "of which pin? Add its diameter: `pin`; or contact: rigid.")
     return replace(loop, contact=contact)
 
 
-def _at(block: Mapping[str, Any], where: str, ends: tuple[str, str], kind: str) -> Vec3 | None:
+def _at(block: schema.Block, ends: tuple[str, str], kind: str) -> Vec3 | None:
     """The point of the ground that is held; None: where home has the frame."""
     if WORLD in ends and kind == "slider":
-        raise DescriptionError(
-            f"{where.removesuffix('.at')}: a sleeve needs a frame of the robot or of its base. Add "
-            "a massless link there."
+        raise block.error(
+            "",
+            "a sleeve needs a frame of the robot or of its base. Add a massless link there.",
         )
     value = block.get("at")
     if "at" in block and WORLD not in ends:
-        raise DescriptionError(
-            f"{where}: a place on the ground, but neither frame is {WORLD}. Name it in `between`."
+        raise block.error(
+            "at",
+            f"a place on the ground, but neither frame is {WORLD}. Name it in `between`.",
         )
-    return None if value in (None, "home") else schema.vector(value, where, of="place")
+    return None if value in (None, "home") else schema.vector(value, block.at("at"), of="place")

@@ -324,6 +324,16 @@ def register_shape(shape: Shape) -> None:
     registered.note(register_shape, shape.name, shape)
 
 
+def form() -> schema.Form:
+    """What a section looks like, as JSON Schema says it."""
+    forms = []
+    for shape in SHAPES.values():
+        table = {"shape": schema.bare({"const": shape.name}, required=True)}
+        table |= {key: schema.real(schema.REQUIRED, of, above=0) for key, of in shape.keys.items()}
+        forms.append(schema.block_form(table | {key: schema.bare({}) for key in shape.optional}))
+    return {"anyOf": forms}
+
+
 def from_spec(spec: object, where: str = "section") -> Section:
     """A section from the YAML block {shape, dimensions, ky, kz, J}."""
     if not isinstance(spec, dict) or spec.get("shape") is None:

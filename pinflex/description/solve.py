@@ -149,20 +149,20 @@ class SolveSpec:
     dt: float | None = schema.real(None, "time", above=0)
     samples: int | None = schema.whole(None, 2)
     tol: float | None = schema.real(None, low=TOLERANCES[0], high=TOLERANCES[1])
-    asked: tuple[str, ...] = schema.key((), partial(schema.names, allowed=ASKED, what="output"))
-    integrator: Any = schema.key(None, partial(_word, words=INTEGRATORS))
+    asked: tuple[str, ...] = schema.words(ASKED, "output")
+    integrator: Any = schema.key(
+        None, partial(_word, words=INTEGRATORS), form=lambda: {"enum": [*INTEGRATORS]}
+    )
     rho_inf: float | None = schema.real(None, low=0, high=1)
-    newmark: tuple[float, float] | None = schema.key(None, _newmark)
+    newmark: tuple[float, float] | None = schema.key(None, _newmark, form=schema.LIST)
     ked: str = schema.word("full", KED_TERMS)
     theta: float | None = schema.real(None, low=1.37, high=4)
     modes: int | None = schema.whole(None, 1)
     drive: str = schema.word("prescribed", DRIVES)
     kp: float = schema.real(0.0, "stiffness", low=0)
     kd: float = schema.real(0.0, "damping", low=0)
-    start: Any = schema.key(
-        "auto", partial(_word, words=STARTS), choices=STARTS, form={"enum": STARTS}
-    )
-    start_speeds: Speeds = schema.key((), _speeds)
+    start: Any = schema.key("auto", partial(_word, words=STARTS), form={"enum": [*STARTS]})
+    start_speeds: Speeds = schema.key((), _speeds, form={"type": "object"})
 
     @property
     def method(self) -> Any:
@@ -192,46 +192,42 @@ class SolveSpec:
         return str(getattr(given, "name", getattr(given, "__name__", type(given).__name__)))
 
 
-_KEYS = schema.names_of(SolveSpec)
+KEYS = schema.keys(SolveSpec)
 
 
 def read_solve(value: object, where: str) -> SolveSpec:
     """The block `solve`; a key without effect is an error."""
-    block = schema.mapping(value, where, _KEYS)
-    place = {key: schema.at(where, key) for key in _KEYS}
-    spec = _spec(SolveSpec(), block, place)
+    block = schema.Block(value, where, KEYS)
+    spec = _spec(SolveSpec(), block)
     if spec.until is not None and spec.dt is not None and spec.dt > spec.until:
-        raise DescriptionError(
-            f"{place['dt']}: {spec.dt:g} s is longer than the run, until = {spec.until:g} s. Make "
-            "it smaller."
+        raise block.error(
+            "dt",
+            f"{spec.dt:g} s is longer than the run, until = {spec.until:g} s. Make it smaller.",
         )
     if {"tol", "dt"} <= block.keys():
-        raise DescriptionError(f"{place['tol']}: dt follows from it. Remove one of them.")
-    _require_effect(spec, block, place)
+        raise block.error("tol", "dt follows from it. Remove one of them.")
+    _require_effect(spec, block)
     return spec
 
 
-def _require_effect(spec: SolveSpec, block: Mapping[str, Any], place: Mapping[str, str]) -> None:
+def _require_effect(spec: SolveSpec, block: schema.Block) -> None:
     """Raise where a written key has no effect beside the level, integrator or drive."""
     if spec.only == "ked" and spec.level != "ked":
-        raise DescriptionError(
-            f"{place['integrator']}: {spec.integrator} is for linear systems: level ked only. "
-            "Write `level: ked`, or integrator: generalized_alpha."
+        raise block.error(
+            "integrator",
+            f"{spec.integrator} is for linear systems: level ked only. Write `level: ked`, or "
+            "integrator: generalized_alpha.",
         )
     if "ked" in block and spec.level != "ked":
-        raise DescriptionError(f"{place['ked']}: only for `level: ked`. Add it, or remove this.")
+        raise block.error("ked", "only for `level: ked`. Add it, or remove this.")
     used = INTEGRATORS[spec.by_steps].keys
     for key in (key for row in INTEGRATORS.values() for key in row.keys):
         if key in block and key not in used:
-            raise DescriptionError(
-                f"{place[key]}: has no meaning for the integrator {spec.by_steps}. Remove one of "
-                "them."
+            raise block.error(
+                key, f"has no meaning for the integrator {spec.by_steps}. Remove one of them."
             )
-    for key in ("kp", "kd"):
-        if key in block and spec.drive != "torque":
-            raise DescriptionError(
-                f"{place[key]}: only for `drive: torque`. Add it, or remove this."
-            )
+    if spec.drive != "torque":
+        block.only(("kp", "kd"), "only for `drive: torque`. Add it, or remove this.")
 
 
 def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
@@ -248,7 +244,7 @@ def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
         spec = replace(spec, dt=None)
     elif "dt" in given:
         spec = replace(spec, tol=None)
-    spec = _spec(spec, given, {key: f"solve.{key}" for key in _KEYS})
+    spec = _spec(spec, given)
     if spec.only == "ked" and spec.level == "coupled":
         raise DescriptionError(
             f"solve.integrator: {spec.integrator} is for linear systems: level ked only. "
@@ -262,18 +258,18 @@ def with_options(spec: SolveSpec, options: Mapping[str, Any]) -> SolveSpec:
     return spec
 
 
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+def _given(options: Mapping[str, Any]) -> schema.Block:
     """The options that say something, in Python's own types; an unknown one is an error."""
     for key in options:
-        if key not in _KEYS:
-            raise DescriptionError(f"solve: {key}: no such option.{nearest(key, sorted(_KEYS))}")
+        if key not in KEYS:
+            raise DescriptionError(f"solve: {key}: no such option.{nearest(key, sorted(KEYS))}")
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in options.items()}
-    return {key: value for key, value in plain.items() if value is not None}
+    return schema.Block(plain, "solve", KEYS, before="solve.")
 
 
-def _spec(spec: SolveSpec, given: Mapping[str, Any], place: Mapping[str, str]) -> SolveSpec:
-    """The spec with the given keys read into it; Newmark's coefficients name their integrator."""
-    values = schema.read(SolveSpec, given, place)
+def _spec(spec: SolveSpec, block: schema.Block) -> SolveSpec:
+    """The spec with the written keys read into it; Newmark's coefficients name their integrator."""
+    values = block.read()
     if "newmark" in values:
         values.setdefault("integrator", "newmark")
     return replace(spec, **values)

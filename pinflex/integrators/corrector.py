@@ -17,7 +17,6 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import STATE, Batch, Stages, States
-from pinflex.integrators.march import CONTROL
 from pinflex.integrators.problem import Run
 from pinflex.kernel.march import Marched, MarchKernel, no_table
 from pinflex.mechanics.evaluation.equations import Equations
@@ -95,7 +94,7 @@ class Corrector:
         table = steps.table or no_table(3 * counts["motors"] + counts["forces"])
         room = int(steps.kernel.at.capacity), 0
         made = self.stages.compiled.march(marched, table, room)
-        made.at.slow, made.at.same_step = self._slow, CONTROL.same_step
+        made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 
 
@@ -114,6 +113,7 @@ class Corrector:
 # seven points, 1 / s and 1 / s (s + 1).
 _BY_V, _BY_Y = 1.0 / 7.0, 1.0 / 50.0
 _BLOCKS = 13  # of neighbours that share matrices: one correction more is cheaper than new ones
+_NEIGHBOURS = 8  # in a block, where there are few samples: matrices cost as much as 8 corrections
 _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
@@ -151,7 +151,8 @@ class Inside:
         if self.pull is not None:
             pull[:, run.system.motors] = self.pull(at)
         a, lam = run.a.copy(), run.lam.copy()
-        for block in np.array_split(np.arange(len(some)), min(_BLOCKS, len(some))):
+        blocks = min(_BLOCKS, -(-len(some) // _NEIGHBOURS))
+        for block in np.array_split(np.arange(len(some)), blocks):
             if not self._solve(dynamics, at, pull, block):
                 return run
         a[some], lam[some] = at.a, at.lam

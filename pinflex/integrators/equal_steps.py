@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive, kinks
+from pinflex.actuation.drive import TorqueDrive, kinks
 from pinflex.actuation.feedback import Feedback
-from pinflex.arrays import Array
+from pinflex.actuation.path import MotorAxes, MotorPath
+from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
-from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.compiled import compiled_alpha
+from pinflex.integrators.collocation import AlphaScheme, implicit_euler
+from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.problem import Run, Settings
+from pinflex.kernel.march import AlphaKernel, Iteration, LawKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import gear_name
@@ -168,3 +172,166 @@ def _diverged(
     )
     error.result = run
     return error
+
+
+# The same steps on the compiled kernel, from starts of `PlainAlpha`.
+
+
+class CompiledAlpha:
+    """The steps of one march."""
+
+    def __init__(
+        self, march: PlainAlpha, stages: Stages, found: Sequence[Array], begin: int
+    ) -> None:
+        """`found`: y, v, a, s, lam, torque and power at all instants, which are written.
+
+        There they stand at step `begin`.
+        """
+        self._march, self._stages, self._found = march, stages, found
+        path, (mass, by_v, by_y) = march.path, march.weights
+        given = Iteration(
+            march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
+        )
+        drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
+        feed = path.acceleration if drive is None else drive.feed_forward
+        motors = path.position, path.velocity, feed, scale
+        law, signals = None if march.feedback is None else _law(march), march.signals
+        if signals is not None:
+            found = *found, signals.u, signals.measured
+            self._found = found
+        self.kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
+        self._at: Step | None = None  # where its own last step ended
+        self.kernel.at.reference = self.scale(begin)
+
+    def scale(self, k: int) -> float:
+        """Norm of the acceleration at step k; that of what static forces could do, if more."""
+        march, d, now = self._march, self._march.dynamics, self._state(k)
+        free = march.problem.free
+        full, _ = march.matrix(k, now.y, now.v, now.a, now.lam, rates=False)
+        weight, a = np.abs(np.diag(full))[free], now.a[free]
+        still, straight, none = np.zeros_like(now.v), now.y.copy(), np.zeros_like(now.lam)
+        straight[d.nq_rigid :] = 0.0
+        t, u = float(march.path.t[k]), march.control_force
+        force = d.residual(straight, still, still, none, t, u).r[free]
+        static = force @ (force / np.maximum(weight, 1e-300))
+        return max(sqrt(static), sqrt((weight * a) @ a), 1e-12)
+
+    def step(self, k: int, now: Step, last: Step) -> Step:
+        """The state at step k, where the march does not go yet; as `PlainAlpha.step` has it."""
+        self._take(k - 1, now, last, k)
+        self._at = None
+        return self._state(k)
+
+    def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
+        """Steps from k on, as far as they go: the last one, and the states there and before.
+
+        Raises:
+            NoConvergence: The first step fails.
+        """
+        feedback, law, t = self._march.feedback, self.kernel.law, self._march.path.t
+        taken = self._take(k, now, last, upto)
+        if feedback is not None and law is not None:
+            feedback.go_on(float(t[k + taken]), law.target, law.x, law.e)
+            self._found[-1][k + 1 : k + taken + 1] += law.target
+        last = now if taken == 1 else self._state(k + taken - 1)
+        self._at = self._state(k + taken)
+        return k + taken, self._at, last
+
+    def _take(self, k: int, now: Step, last: Step, upto: int) -> int:
+        march, kernel, at = self._march, self.kernel, self.kernel.at
+        feedback, law, t = march.feedback, kernel.law, march.path.t
+        if now is not self._at:
+            kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))
+            if feedback is not None and law is not None:
+                law.x[...], law.e[...] = feedback.state_at(float(t[k]), law.target)
+        before = at.iterations, at.refreshed
+        taken = kernel.march(k + 1, upto - k)
+        march.iterations += at.iterations - before[0]
+        march.tangents += at.refreshed - before[1]
+        if not taken:
+            raise NoConvergence(kernel.residual[march.problem.free])
+        return taken
+
+    def _state(self, k: int) -> Step:
+        return Step(*(x[k].copy() for x in self._found[:6]))
+
+
+def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> CompiledAlpha | None:
+    """The steps of a march, compiled; None where they are plain or a law is any function."""
+    if march.feedback is not None and march.feedback.feedback.linear is None:
+        return None
+    if not march.dynamics.on_kernel:
+        return None
+    return CompiledAlpha(march, Stages(march.problem, implicit_euler()), found, begin)
+
+
+def _law(march: PlainAlpha) -> LawKernel:
+    """The feedback of a march, its states by the trapezoidal rule."""
+    assert march.feedback is not None
+    one = march.feedback.feedback
+    law, system, half = one.linear, march.dynamics.system, 0.5 * march.h
+    assert law is not None
+    eye = np.eye(len(law.A))
+    x_of_x, x_of_e = (
+        np.asarray(np.linalg.solve(eye - half * law.A, of), dtype=np.float64)
+        for of in (eye + half * law.A, half * law.B)
+    )
+    tables: dict[str, Array] = {
+        "S": one.S, "B": one.B, "home": one.home, "target": law.target, "x_of_x": x_of_x,
+        "x_of_e": x_of_e, "C": law.C, "D": law.D, "E": law.E,
+    }  # fmt: skip
+    return LawKernel(tables, system.nq, system.nv)
+
+
+# Samples that lie between the steps of a run.
+#
+# Positions and velocities are the cubics through the values and slopes at both ends of a step; they
+# err with its fourth power. Accelerations, multipliers, torques and signals, whose error falls with
+# the square of the step as the method's own, go straight from step to step.
+
+_CURVED = 0.125  # of a second difference: what a straight line misses at most of a parabola
+
+
+def between(run: Run, t: Array, led: tuple[MotorAxes, MotorPath] | None) -> Run:
+    """The run at samples, each between two of its instants, and what straight lines may miss.
+
+    `settings["interpolated"]`: by how much torques are off at most [N m | N].
+    `t`: within its instants [s]. `led`: motors that follow their motion, and the motion then.
+    """
+    h = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
+    at = np.clip(((t - run.t[0]) / h).astype(np.intp), 0, len(run.t) - 2)
+    x = np.clip((t - run.t[at]) / h, 0.0, 1.0)[:, None]
+    x[t >= run.t[-1]] = 1.0
+    system, v = run.system, _cubic(run.v, h * run.a, at, x)
+    pairs = zip(run.y[:-1], run.y[1:], strict=True)
+    moves = np.array([system.difference(first, last) for first, last in pairs])[at]
+    ways = x * x * (3 - 2 * x) * moves + h * x * (1 - x) * ((1 - x) * run.v[at] - x * run.v[at + 1])
+    y = np.array([system.integrate(run.y[k], dy) for k, dy in zip(at, ways, strict=True)])
+    a = _straight(run.a, at, x)
+    if led is not None:
+        axes, path = led
+        axes.write(y, path.position)
+        v[:, system.motors], a[:, system.motors] = path.velocity, path.acceleration
+    signals = run.signals
+    if signals is not None:
+        u, measured = (_straight(z, at, x) for z in (signals.u, signals.measured))
+        signals = replace(signals, u=u, measured=measured)
+    missed = _CURVED * np.abs(np.diff(run.torque, 2, axis=0)).max(initial=0.0)
+    work = None if run.work is None else _cubic(run.work, np.gradient(run.work, axis=0), at, x)
+    return replace(
+        run, t=t, y=y, v=v, a=a, lam=_straight(run.lam, at, x),
+        torque=_straight(run.torque, at, x), signals=signals, work=work,
+        s=None if run.s is None else _straight(run.s, at, x),
+        settings={**run.settings, "interpolated": float(missed)},
+    )  # fmt: skip
+
+
+def _straight(values: Array, at: IntArray, x: Array) -> Array:
+    return (1 - x) * values[at] + x * values[at + 1]
+
+
+def _cubic(values: Array, slopes: Array, at: IntArray, x: Array) -> Array:
+    """Through values (n, k), with slopes per step."""
+    rise = values[at + 1] - values[at]
+    bend = (1 - x) * (slopes[at] - rise) + x * (rise - slopes[at + 1])
+    return np.asarray(values[at] + x * rise + x * (1 - x) * bend)

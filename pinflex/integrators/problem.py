@@ -14,18 +14,16 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
-from pinflex.actuation.feedback import Sampler
-from pinflex.actuation.path import motor_axes
+from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.actuation.drive import Nominal
-    from pinflex.actuation.feedback import Signals
+    from pinflex.actuation.drive import Nominal, TorqueDrive
+    from pinflex.actuation.feedback import Sampler, Signals
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.system import System
 
 
@@ -263,8 +261,7 @@ class Settings(TypedDict, total=False):
     start: Where it started: straight, static, ... drive: "prescribed" or "torque".
     tol: Tolerance. error: Estimated error by output. judged: By what.
     events: Contacts. clearances: Of pins, by name [m].
-    statistics: Of runs that part, by motor. share: Multipliers of shared torques.
-    interpolated: Error of torques between steps [N m | N].
+    share: Multipliers of shared torques. interpolated: Error of torques between steps [N m | N].
     """
 
     integrator: str
@@ -282,7 +279,6 @@ class Settings(TypedDict, total=False):
     judged: str
     events: list[dict[str, Any]]
     clearances: dict[str, float]
-    statistics: dict[str, Any]
     share: dict[str, Any]
     interpolated: float
 
@@ -306,6 +302,7 @@ class Run:
         settle: Solves the equations at the samples for accelerations and multipliers, which steps
             longer than the samples have less accurately; None: they are solved.
         judged: Finds estimated errors of forces and stresses, by output; None: not estimated.
+        several: Finds statistics of more runs, by motor, where a single one means little; or None.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
 
@@ -327,6 +324,7 @@ class Run:
     s: Array | None = None
     settle: Callable[[Run], Run] | None = None
     judged: Callable[[], Mapping[str, float]] | None = None
+    several: Callable[[], Mapping[str, Any]] | None = None
 
     def at(self, k: slice | IntArray) -> Run:
         """Some of its instants."""

@@ -150,7 +150,7 @@ _POWERS = np.array([
 
 
 _HELD = 1e8  # weight of rest at the start over that of a deviation elsewhere
-_SMALL = 1e-6  # weight of the rigid coordinates over the smallest stiffness
+_SMALL = 1.0  # weight of rigid coordinates, free beyond the end alone, over the least stiffness
 _DONE = 1e-10  # m or rad: the correction that would be next is round-off
 _STALLED = 1e-7  # m or rad: corrections that no longer shrink from here on are round-off
 _ASTRAY = 100.0  # m or rad: a first correction of 10 may still settle
@@ -161,6 +161,7 @@ _OPPOSITE = -0.5  # of the last correction: beyond it corrections overshoot
 _SLOW = 0.3  # contraction above which a new matrix pays: it costs as much as ten corrections
 _PAD = FOURTH.reach
 _WIDTH = 2 * _PAD + 1
+_BESIDE = tuple(j for j in range(_WIDTH) if j != _PAD)
 
 
 @dataclass(frozen=True)
@@ -253,11 +254,9 @@ class _Inversion:
         v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
         e = self._rows(v, a)
         if new or last > _BENT:
-            self._differentiate(v, a)
-            if new:
-                old, self._scale = self._scale, 1.0 / np.maximum(_largest(self._wide), 1e-300)
-                self._mu *= old / self._scale
-            self._wide *= self._scale[:, :, None]
+            if not new:
+                self._wide = self._wide.copy()  # the saddle has the other
+            self._differentiate(v, a, new)
         if new:
             self._saddle = None  # its memory first
             self._saddle = Saddle(self.weights, self._wide, len(self.instant.free))
@@ -309,41 +308,39 @@ class _Inversion:
         self._last = moves
         return self._share
 
-    def _differentiate(self, v: Array, a: Array) -> None:
-        """Jacobian of the rows of each instant by the poses about it and its multipliers."""
+    def _differentiate(self, v: Array, a: Array, new: bool) -> None:
+        """Jacobian of the rows of each instant by the poses about it and its multipliers.
+
+        `new`: rows get a scale that makes their largest entry one.
+        """
         instant, nv, wide = self.instant, self.instant.system.nv, self._wide
         free, poses = len(instant.free), self.y[_PAD:-_PAD]
+        first, second = FOURTH.first[:, None] / self.h, FOURTH.second[:, None] / self.h**2
         every = instant.every_tangent(range(len(wide)), poses, v, a, self.lam)
         for k, found in enumerate(every):
-            pose = poses[k]
-            here = found.K.copy()
-            for j in (j for j in range(_WIDTH) if j != _PAD):
-                block = FOURTH.first[j] / self.h * found.C + FOURTH.second[j] / self.h**2 * found.M
-                own, other = self._of_difference(pose, self.y[k + j])
-                m = len(own)
-                wide[k, :free, j * nv : (j + 1) * nv] = block
-                wide[k, :free, j * nv : j * nv + m] = block[:, :m] @ other
-                here[:, :m] += block[:, :m] @ own
-                here[:, m:] -= block[:, m:]
-            wide[k, :free, _PAD * nv : (_PAD + 1) * nv] = here
-            wide[k, :free, _WIDTH * nv :] = found.lam
-            wide[k, free:, _PAD * nv : (_PAD + 1) * nv] = found.J
-            wide[k, free:, : _PAD * nv] = wide[k, free:, (_PAD + 1) * nv :] = 0.0
+            rows = wide[k]
+            blocks = rows[:free, : _WIDTH * nv].reshape(free, _WIDTH, nv)
+            blocks[...] = first * found.C[:, None] + second * found.M[:, None]
+            blocks[:, _PAD] += found.K
+            if not instant.dynamics.vector_space:
+                self._turned(blocks, found.K, k)
+            rows[:free, _WIDTH * nv :] = found.lam
+            rows[free:, _PAD * nv : (_PAD + 1) * nv] = found.J
+            if new:
+                old, scale = self._scale[k], 1.0 / np.maximum(np.abs(rows).max(axis=1), 1e-300)
+                self._mu[k] *= old / scale
+                self._scale[k] = scale
+            rows *= self._scale[k][:, None]
 
-    def _of_difference(self, pose: Array, other: Array) -> tuple[Array, Array]:
-        """Derivatives of the move from `pose` to `other` by either, of the rows that do not add."""
-        d = self.instant.dynamics
-        if d.vector_space:
-            return np.zeros((0, 0)), np.zeros((0, 0))
-        q0, q1, model = pose[: d.nq_rigid], other[: d.nq_rigid], self.instant.system.rigid
-        by = (pin.ARG0, pin.ARG1)
-        own, neighbour = (pin.dDifference(model, q0, q1, argument) for argument in by)
-        return own, neighbour
-
-
-def _largest(wide: Array) -> Array:
-    """Size of each row (nt, per) of tables (nt, per, n), without a copy of them."""
-    return np.asarray(np.maximum(wide.max(axis=2), -wide.min(axis=2)))
+    def _turned(self, blocks: Array, K: Array, k: int) -> None:
+        """Blocks (free, poses, nv) of instant k, where moves of rigid coordinates do not add."""
+        model, n = self.instant.system.rigid, self.instant.dynamics.nq_rigid
+        m, (pose, *others) = model.nv, (self.y[k + j, :n] for j in (_PAD, *_BESIDE))
+        blocks[:, _PAD, :m] = K[:, :m]
+        for j, other in zip(_BESIDE, others, strict=True):
+            block = blocks[:, j, :m].copy()
+            blocks[:, _PAD, :m] += block @ pin.dDifference(model, pose, other, pin.ARG0)
+            blocks[:, j, :m] = block @ pin.dDifference(model, pose, other, pin.ARG1)
 
 
 def _weights(instant: Instant) -> tuple[Array, Array]:

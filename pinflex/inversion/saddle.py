@@ -10,11 +10,15 @@ a basis P of the forces that no multiplier bears. What is left couples five inst
     [ N'H N    (P'G N)' ] [  z ]
     [ P'G N        0    ] [ nu ]
 
-with half as many unknowns and a band of under three instants, which LAPACK factorises with
-pivoting.
+and N'H N is positive, pose by pose. With its inverse moves are solved for too, and of nu is left
 
-Source: Nocedal, Wright (2006), Numerical Optimization, ch. 16.2 (null spaces); Golub, Van Loan
-(2013), Matrix Computations, ch. 4.3 (bands).
+    P'G N (N'H N)^-1 (P'G N)' nu = ...
+
+symmetric, positive, with a band of five instants, for LAPACK's Cholesky factors. That squares how
+ill-conditioned the rows are; what it costs in digits, the next correction of a command has.
+
+Source: Nocedal, Wright (2006), Numerical Optimization, ch. 16.2 (null spaces, Schur complements);
+Golub, Van Loan (2013), Matrix Computations, ch. 4.3 (bands).
 """
 
 from __future__ import annotations
@@ -22,10 +26,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import as_strided, sliding_window_view
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.linalg import lapack
 
-_REGULAR = 1e-13  # keeps the matrix regular where rows of several instants depend on each other
+_REGULAR = 1e-13  # of the diagonal: keeps rows of several instants that depend on each other apart
+_TOGETHER = 32  # instants multiplied at a time: new memory costs more than arithmetic
+_MORE = 100.0  # times as much, where round-off has eaten that
 _DEPENDENT = 1e-11  # of the largest row: what is left of one that the others say already
 
 
@@ -39,16 +45,20 @@ class Saddle:
     def __init__(self, weights: Array, G: Array, forces: int) -> None:
         """H by pose (nt + 2 pad, nv, nv); G (nt, per, (2 pad + 1) nv + rows), its `forces` first.
 
-        The rows below those hold poses of their own instant alone, and no multipliers.
+        The rows below those hold poses of their own instant alone, and no multipliers. G is not
+        copied: it must stay as it is.
         """
-        nv, width = weights.shape[1], len(weights) - len(G) + 1
-        self.pad, self._forces, self._weights = width // 2, forces, weights
-        self._G = G[:, :forces, : width * nv].copy()
+        nv, self._width = weights.shape[1], len(weights) - len(G) + 1
+        self.pad, self._forces, self._weights = self._width // 2, forces, weights
+        self._G = G[:, :forces, : self._width * nv]
         held = G[:, forces:, self.pad * nv : (self.pad + 1) * nv]
-        self._to_held, self._N = _split(held)
-        self._to_borne, self._P = _split(G[:, :forces, width * nv :].transpose(0, 2, 1))
-        self._places()
-        self._factors, self._pivots = self._factorised()
+        self._to_held, N = _split(held)
+        self._to_borne, self._P = _split(G[:, :forces, self._width * nv :].transpose(0, 2, 1))
+        outside = np.eye(nv)[None].repeat(self.pad, 0)  # the poses there may move anyhow
+        bases = (outside, N, outside)
+        cuts = np.split(weights, [self.pad, -self.pad])
+        self._roots = np.concatenate([_roots(*x) for x in zip(cuts, bases, strict=True)])
+        self._factors = self._factorised()
 
     def solve(self, p: Array, s: Array, e: Array) -> tuple[Array, Array, Array]:
         """Moves (nt + 2 pad, nv), multipliers (nt, rows) and dmu (nt, per).
@@ -83,69 +93,59 @@ class Saddle:
             out[j : j + nt] += seen[:, j * nv : (j + 1) * nv]
         return out
 
-    def _places(self) -> None:
-        """Where the unknowns stand, along time: of a pose z, about it the halves of its nu."""
-        (nt, nv, nz), nr, pad = self._N.shape, self._P.shape[2], self.pad
-        self._sizes = np.full(nt + 2 * pad, nv)
-        self._sizes[pad:-pad] = nz
-        ahead, behind = np.zeros_like(self._sizes), np.zeros_like(self._sizes)
-        ahead[pad:-pad], behind[pad:-pad] = nr // 2, nr - nr // 2
-        ends = np.cumsum(ahead + self._sizes + behind)
-        self._at_z = ends - behind - self._sizes
-        of_instants = np.arange(nr) + (self._at_z - ahead)[pad:-pad, None]
-        self._at_nu = np.where(np.arange(nr) < nr // 2, of_instants, of_instants + nz)
-        back = self._at_nu[:, -1] - self._at_z[:nt]
-        on = (self._at_z + self._sizes)[2 * pad :] - 1 - self._at_nu[:, 0]
-        self._band, self._n = int(max(back.max(), on.max())), int(ends[-1])
+    def _factorised(self, more: float = _REGULAR) -> Array:
+        """Cholesky factors of the rows' matrix, a band's lower half by columns.
 
-    def _factorised(self) -> tuple[Array, IntArray]:
-        """LU factors of the matrix, as LAPACK stores a band."""
-        n, band, pad, rows = self._n, self._band, self.pad, 3 * self._band + 1
-        store = np.zeros(n * rows)
-        item = store.itemsize
-        # entry (i, j) of the band stands at 2 band + i + j (rows - 1): blocks are views of it
-        S = as_strided(store[2 * band :], (n, n), (item, (rows - 1) * item))
-        bases = self._bases()
-        for at, size, N, W in zip(self._at_z, self._sizes, bases, self._weights, strict=True):
-            S[at : at + size, at : at + size] = N.T @ W @ N
-        nv, half = self._N.shape[1], self._P.shape[2] // 2
-        for k, (P, G, at_nu) in enumerate(zip(self._P, self._G, self._at_nu, strict=True)):
-            found = P.T @ G
-            for j in range(2 * pad + 1):
-                at, size = self._at_z[k + j], self._sizes[k + j]
-                block = found[:, j * nv : (j + 1) * nv] @ bases[k + j]
-                for part in (slice(0, half), slice(half, None)):
-                    first, some = at_nu[part][:1], block[part]
-                    if len(some):
-                        there = slice(int(first[0]), int(first[0]) + len(some))
-                        S[there, at : at + size] = some
-                        S[at : at + size, there] = some.T
-        diagonal = store[2 * band :: rows]
-        diagonal[self._at_nu] -= np.where(np.any(self._P, axis=1), _REGULAR, 1.0)
-        at = self._at_z[pad:-pad, None] + np.arange(self._N.shape[2])
-        diagonal[at] += np.where(np.any(self._N, axis=1), 0.0, 1.0)
-        factors, pivots, _ = lapack().dgbtrf(store.reshape(n, rows).T, band, band, overwrite_ab=1)
-        return factors, pivots
-
-    def _bases(self) -> list[Array]:
-        """Of each pose what moves are allowed; of those beyond the instants, all."""
-        every = [np.eye(self._N.shape[1])] * self.pad
-        return [*every, *self._N, *every]
+        Raises:
+            LinAlgError: Rows that are no numbers.
+        """
+        G, P, (nt, _, nr), width = self._G, self._P.transpose(0, 2, 1), self._P.shape, self._width
+        band = width * nr  # and a column is longer by one: entry (i, j) stands at i + j band
+        store = np.zeros(nt * nr * (band + 1))
+        steps = tuple(store.itemsize * k for k in (nr * (band + 1), band, 1))
+        for first in range(0, nt, _TOGETHER):
+            last = min(first + _TOGETHER + width - 1, nt)
+            some = slice(first, last)
+            rows = (P[some] @ G[some]).reshape(last - first, nr, width, -1)
+            for j in range(width):
+                rows[:, :, j] = rows[:, :, j] @ self._roots[first + j : last + j]
+            for d in range(min(width, last - first)):  # what instants so far apart have in common
+                n = min(_TOGETHER, last - first - d)
+                mine, theirs = rows[:n, :, d:], rows[d : d + n, :, : width - d]
+                common = mine.reshape(n, nr, -1) @ theirs.reshape(n, nr, -1).transpose(0, 2, 1)
+                at = store[first * nr * (band + 1) + d * nr :]
+                as_strided(at, (n, nr, nr), steps)[...] = common if d else np.triu(common)
+        diagonal = store[:: band + 1]
+        diagonal *= 1.0 + more
+        diagonal[~np.any(P, axis=2).ravel()] = 1.0
+        if not np.isfinite(diagonal).all():
+            raise np.linalg.LinAlgError("saddle: rows that are no numbers")
+        by_columns = store.reshape(nt * nr, band + 1).T
+        factors, info = lapack().dpbtrf(by_columns, lower=1, overwrite_ab=1)
+        return self._factorised(_MORE * more) if info else factors
 
     def _solved(self, p: Array, f: Array) -> tuple[Array, Array]:
         """Moves by z (nt + 2 pad, nv), and nu (nt, nr)."""
-        right, pad, (nt, nv, nz) = np.zeros(self._n), self.pad, self._N.shape
-        outside = self._at_z[[*range(pad), *range(-pad, 0)], None] + np.arange(nv)
-        inside = self._at_z[pad:-pad, None] + np.arange(nz)
-        ends = np.r_[:pad, nt + pad : nt + 2 * pad]
-        right[outside], right[inside] = p[ends], _by(p[pad:-pad], self._N)
-        right[self._at_nu] = f
-        found, _ = lapack().dgbtrs(
-            self._factors, self._band, self._band, right, self._pivots, overwrite_b=1
-        )
-        moves = np.empty_like(p)
-        moves[ends], moves[pad:-pad] = found[outside], _times(self._N, found[inside])
-        return moves, found[self._at_nu]
+        free = self._yield(p)
+        right = _by(_times(self._G, self.windows(free)), self._P) - f
+        found, _ = lapack().dpbtrs(self._factors, right.ravel(), lower=1)
+        nu = found.reshape(right.shape)
+        return free - self._yield(self.spread(_by(_times(self._P, nu), self._G))), nu
+
+    def _yield(self, p: Array) -> Array:
+        """Moves of each pose alone under p, without the rows that span instants."""
+        return _times(self._roots, _by(p, self._roots))
+
+
+def _roots(weights: Array, N: Array) -> Array:
+    """R of each pose, square, with R R' = N (N'H N)^-1 N'; columns of zeros in N have no part."""
+    H = N.transpose(0, 2, 1) @ weights @ N
+    k = np.arange(H.shape[1])
+    H[:, k, k] += np.where(np.any(N, axis=1), 0.0, 1.0)
+    found = np.zeros_like(weights)
+    root = np.linalg.solve(np.linalg.cholesky(H), N.transpose(0, 2, 1))
+    found[:, :, : len(k)] = root.transpose(0, 2, 1)
+    return found
 
 
 def _split(J: Array) -> tuple[Array, Array]:

@@ -61,9 +61,11 @@ class Tables:
         self.arrays: dict[str, npt.NDArray[Any]] = {}
         for group, dtype in ((INTEGERS, np.int64), (NUMBERS, np.float64)):
             for name, shape in group.items():
-                array = np.ascontiguousarray(arrays[name], dtype=dtype)
-                self.arrays[name] = array
                 wanted = math.prod(self._size(part, sizes) for part in shape)
+                # What a system has none of is not given: no entries, or where none begin.
+                starts = wanted == 1 and str(shape[0]).endswith("+1")
+                given = arrays[name] if wanted > starts else arrays.get(name, np.zeros(wanted))
+                self.arrays[name] = array = np.ascontiguousarray(given, dtype=dtype)
                 if array.size != wanted:
                     raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
         self._check_indices(sizes)
@@ -103,7 +105,8 @@ class Tables:
         n, directions, points, at = bent
         if np.any(n * directions * np.diff(points) != np.diff(at)):
             raise PinflexError("kernel: bent_at: rows that do not fit their points.")
-        self._check_sleeves(sizes)
+        if self.counts["sleeves"]:
+            self._check_sleeves(sizes)
         self._check_squares(sizes)
         for name in (*INTEGERS, *NUMBERS):
             if name.endswith("_at") and name not in ("q_at", "v_at"):

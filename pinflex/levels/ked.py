@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinflex.actuation.drive import nominal
+from pinflex.actuation.drive import Nominal, nominal
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
@@ -37,11 +37,10 @@ from pinflex.kernel.evaluate import ConstantPart, LinearKernel, entries_of, line
 from pinflex.kernel.library import kernel
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
-from pinflex.levels.start import linear_start
+from pinflex.levels.start import Start, linear_start
 from pinflex.linalg import resists, saddle
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.system import System
 
 # March of a linear system along a path, under any number of loads.
 #
@@ -321,36 +320,85 @@ def solve_ked(
     Returns:
         The run: nominal motion plus deviation, torques included.
     """
-    path, system = nominal(mechanism, motion, t[::every]), mechanism.flexible
-    h = float(t[-1] - t[0]) / (len(t) - 1)
-    line = LinearPath(mechanism, path)
-    if close is None:
-        close = _CLOSE if isinstance(method, Alpha) else _CLOSER
-    systems = along(mechanism, motion, path, structural, close, line.dynamics, t)
-    begin = linear_start(mechanism, path, structural, start, line.dynamics)
-    if isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
-        deviation, torque = _alpha(systems, method.scheme, h, begin.y, every)
-    else:
-        deviation, torque = _stepped(systems, method, h, begin.y, every, progress)
-    done = deviation.sound
-    if done < len(path.t) and every > 1:
+    level = _Ked(mechanism, motion, t, structural, every)
+    begin = level.predict(start)
+    systems = level.residual(close or (_CLOSE if isinstance(method, Alpha) else _CLOSER))
+    deviation, torque = level.correct(systems, method, begin.y, progress)
+    if deviation.sound < len(level.path.t) and every > 1:
         return solve_ked(mechanism, motion, t, method, start, structural, progress, close)
-    d, v, a = np.zeros((len(path.t), system.nv)), line.v.copy(), line.a.copy()
-    d[:done, system.free] = deviation.d[:done]
-    v[:done, system.free] += deviation.v[:done]
-    a[:done, system.free] += deviation.a[:done]
-    y = Manifold(line.dynamics).retract(path.straight(system.n_eta), d)
-    if done < len(path.t):
-        raise _blown_up(system, path.t, y, v, a, deviation.lam, torque, done, h)
+    run = begin.told(level.accept(deviation, torque))
     if progress is not None:
         progress(len(t) - 1, len(t))
-    settings: Settings = {"dt": h, "terms": "structural" if structural else "full"}
-    cost: dict[str, float] = {"steps": len(t), "newton": len(t)}
-    run = Run(system, path.t, y, v, a, deviation.lam, torque, cost, settings, path=path)
-    run = begin.told(run)
     if structural:
         return run
-    return replace(run, warnings=(*run.warnings, *_diverging(line, run)))
+    return replace(run, warnings=(*run.warnings, *_diverging(level.line, run)))
+
+
+class _Ked:
+    """The level: M(t) a + C(t) v + K(t) d - J(t)' lam = -r(t), J(t) d = 0 about a motion.
+
+    Prescribed is the nominal motion; it starts from equilibrium or straight links. The residual is
+    what the rigid motion leaves unbalanced, with the systems that resist it; the march corrects.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, motion: Motion, t: Array, structural: bool, every: int
+    ) -> None:
+        self._mechanism, self._motion, self._t, self._every = mechanism, motion, t, every
+        self._structural, self.system = structural, mechanism.flexible
+        self.h = float(t[-1] - t[0]) / (len(t) - 1)
+        self.path = self.prescribe()
+        self.line = LinearPath(mechanism, self.path)
+
+    def prescribe(self) -> Nominal:
+        """The nominal motion at the samples."""
+        return nominal(self._mechanism, self._motion, self._t[:: self._every])
+
+    def predict(self, start: str) -> Start:
+        """The deviation to begin with."""
+        dynamics = self.line.dynamics
+        return linear_start(self._mechanism, self.path, self._structural, start, dynamics)
+
+    def residual(self, close: float) -> InterpolatedPath | EveryStep:
+        """M, C, K, J and r at every step, known as closely as that."""
+        given = self._mechanism, self._motion, self.path, self._structural, close
+        return along(*given, self.line.dynamics, self._t)
+
+    def correct(
+        self, systems: InterpolatedPath | EveryStep, method: Method, start: Array,
+        progress: Callable[[int, int], None] | None,
+    ) -> tuple[Response, Array]:  # fmt: skip
+        """The deviation and the motors' torques at the samples."""
+        if isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
+            return _alpha(systems, method.scheme, self.h, start, self._every)
+        return _stepped(systems, method, self.h, start, self._every, progress)
+
+    def accept(self, deviation: Response, torque: Array) -> Run:
+        """The nominal motion with its deviation.
+
+        Raises:
+            ConvergenceError: This grows without bound; with `.result` up to there.
+        """
+        system, path, line, done = self.system, self.path, self.line, deviation.sound
+        d, v, a = np.zeros((len(path.t), system.nv)), line.v.copy(), line.a.copy()
+        d[:done, system.free] = deviation.d[:done]
+        v[:done, system.free] += deviation.v[:done]
+        a[:done, system.free] += deviation.a[:done]
+        y = Manifold(line.dynamics).retract(path.straight(system.n_eta), d)
+        states = path.t, y, v, a, deviation.lam, torque
+        if done < len(path.t):
+            error = ConvergenceError(
+                f"t = {path.t[done]:.6g} s, step {done}, dt = {self.h:.3g} s: the linear deviation "
+                f"grows without bound. {Ending.LINEAR_GROWS.value} error.result holds the run so "
+                "far.",
+                time=float(path.t[done]),
+                ending=Ending.LINEAR_GROWS,
+            )
+            error.result = Run(system, *states, {"steps": done}).at(slice(0, done))
+            raise error
+        settings: Settings = {"dt": self.h, "terms": "structural" if self._structural else "full"}
+        cost: dict[str, float] = {"steps": len(self._t), "newton": len(self._t)}
+        return Run(system, *states, cost, settings, path=path)
 
 
 def _alpha(
@@ -458,27 +506,3 @@ def _resists(line: LinearPath, run: Run, at: IntArray) -> bool:
     K, J = np.split(result, [len(free) ** 2], axis=1)
     n = len(free)
     return resists(K.reshape(count, n, n), J.reshape(count, closures, n))
-
-
-def _blown_up(
-    system: System,
-    t: Array,
-    y: Array,
-    v: Array,
-    a: Array,
-    lam: Array,
-    torque: Array,
-    k: int,
-    h: float,
-) -> ConvergenceError:
-    error = ConvergenceError(
-        f"t = {t[k]:.6g} s, step {k}, dt = {h:.3g} s: the linear deviation grows without "
-        f"bound. {Ending.LINEAR_GROWS.value} error.result holds the run so far.",
-        time=float(t[k]),
-        ending=Ending.LINEAR_GROWS,
-    )
-    upto = slice(0, k)
-    error.result = Run(
-        system, t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto], {"steps": k}
-    )
-    return error

@@ -24,7 +24,8 @@ from pinflex.description.reading.schema import number
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import acts_without_potential, balance, coupled, rest
-from pinflex.linalg import condensed, null_space
+from pinflex.levels.start import Moving, state_of_run
+from pinflex.linalg import condensed, negative_directions, null_space
 from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
@@ -53,20 +54,6 @@ _INFINITE = 1e-9  # of the highest frequency^-1: an eigenvalue without inertia
 _REAL = 1e-7  # of the highest frequency: round-off of an imaginary part
 
 
-@dataclass(frozen=True)
-class Moving:
-    """A state to linearise about: y, v, a, multipliers lam, time t [s], and its name in words."""
-
-    __repr__ = brief
-
-    y: Array
-    v: Array
-    a: Array
-    lam: Array
-    t: float
-    about: str
-
-
 def state_at(
     mechanism: Mechanism, dynamics: Equations, at: At, motion: Callable[[], Motion]
 ) -> Moving:
@@ -91,7 +78,7 @@ def state_at(
     v, a = np.concatenate([v, none]), np.concatenate([a, none])
     where = f"{mechanism.name}: modes about {about}"
     free = mechanism.flexible.free
-    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
+    links = FrozenLinks(dynamics, mechanism, free)
     found = balance(dynamics, mechanism.undeformed(q), v, a, free, t, None, where, links=links)
     return Moving(found.y, found.v, found.a, found.lam, t, about)
 
@@ -106,30 +93,6 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
             )
         speeds[names.index(name)] = speed
     return speeds
-
-
-def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
-    """The sample of a run of this mechanism that is nearest to a time [s]."""
-    k = int(np.argmin(np.abs(result.t - time)))
-    system, arrays = mechanism.flexible, result.arrays
-    if "eta" not in arrays and system.n_eta:
-        raise DescriptionError(
-            f"{mechanism.name}: a run of level {result.level}, in which no link "
-            "deforms. Give one of level quasistatic, ked or coupled, or a time of the motion."
-        )
-    parts = [("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a")]
-    y, v, a = (
-        np.concatenate([arrays[joint][k], arrays[own][k]]) if system.n_eta else arrays[joint][k]
-        for joint, own in parts
-    )
-    lam = arrays["multiplier"][k]
-    if (len(y), len(v), len(lam)) != (system.nq, system.nv, system.closed.n):
-        raise DescriptionError(
-            f"{mechanism.name}: the run has {len(v)} coordinates and {len(lam)} closure "
-            f"rows, the mechanism {system.nv} and {system.closed.n}. Give the one that was solved."
-        )
-    about = f"the run at t = {result.t[k]:g} s"
-    return Moving(y, v, a, lam, float(result.t[k]), about)
 
 
 def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Array]:
@@ -374,6 +337,19 @@ def vibrating(mechanism: Mechanism) -> IntArray:
     return np.union1d(mechanism.flexible.free, mechanism.idle.base).astype(np.intp)
 
 
+def rings_below(mechanism: Mechanism, frequency: float) -> bool:
+    """Whether a natural frequency of the undeformed mechanism lies within three decades below one.
+
+    By counting, without modes: K - omega^2 M is negative in as many directions as vibrate slower
+    than omega (Sylvester's law of inertia).
+    """
+    dynamics, y, free = Equations(mechanism.flexible), mechanism.undeformed(), vibrating(mechanism)
+    K, M = (A[np.ix_(free, free)] for A in (dynamics.structural_stiffness(y), dynamics.mass(y)))
+    J, omega2 = dynamics.close(y).J[:, free], (2.0 * np.pi * frequency) ** 2
+    slower, still = (negative_directions(K - x * M, J) for x in (omega2, 1e-6 * omega2))
+    return slower > still
+
+
 def base_state(mechanism: Mechanism) -> str:
     """Whether the modes are those of a free base: free, held (it would fall), "" without one."""
     description = mechanism.description
@@ -533,3 +509,16 @@ def _written(mechanism: Mechanism) -> Motion:
         return shaped(motion, asked.kind, asked.frequencies, asked.damping)
     found = ringing(mechanism, motion, asked.modes)
     return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+
+
+def default_step(mechanism: Mechanism, end: float) -> float:
+    """Step from the scene: 1/40 of the third mode's period, at least 400 steps a run."""
+    step = end / 400.0
+    if not mechanism.compliant:
+        return step
+    found = modes(mechanism, count=9, preload="none").frequencies
+    alive = found[found > 0]
+    if not len(alive):
+        return step
+    third = float(alive[min(2, len(alive) - 1)])
+    return min(step, 1.0 / (40.0 * third))

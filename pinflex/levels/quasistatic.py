@@ -324,62 +324,96 @@ def solve_quasistatic(
     Raises:
         ConvergenceError: With `.result` up to the last balanced instant.
     """
-    path, system = nominal(mechanism, motion, t), mechanism.standing
-    dynamics = Equations(system)
-    nt, m, free = len(path.t), int(system.rigid.nv), system.free
-    y, lam = np.empty((nt, system.nq)), np.empty((nt, system.closed.n))
-    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
-    v[:, :m], a[:, :m] = path.v, path.a
-    links = FrozenLinks(dynamics, mechanism.rigid.free, free)
-    torque = np.empty((nt, len(system.motors)))
-    offset, force, newton = np.zeros(system.nv), np.zeros(system.closed.n), 0
-    last: Equilibrium | None = None
-    loose, unstable = 0, False
-    looks, said = set(np.linspace(0, nt - 1, STABILITY_SAMPLES).astype(int).tolist()), list[str]()
-    for k in range(nt):
-        flat = np.concatenate([path.q[k], np.zeros(system.n_eta)])
-        now = float(path.t[k])
+    level = _Quasistatic(mechanism, motion, t)
+    for k in range(len(t)):
         try:
-            found = balance(
-                dynamics, dynamics.integrate(flat, offset), v[k], a[k], free, now, force,
-                f"{mechanism.name}: t = {t[k]:.6g} s", links=links,
-            )  # fmt: skip
-            if last is not None and _snapped(dynamics, last, found, now, free):
-                raise ConvergenceError(
-                    f"{mechanism.name}: t = {t[k]:.6g} s: no equilibrium near that of the instant "
-                    f"before, only an unstable one further off. {Ending.SNAPS_THROUGH.value}",
-                    ending=Ending.SNAPS_THROUGH,
-                )
+            level.accept(k, level.correct(k, level.predict(k)))
         except ConvergenceError as error:
-            upto = slice(0, k)
-            error.result = Run(
-                system, path.t[upto], y[upto], v[upto], a[upto], lam[upto], torque[upto],
-                {"steps": k, "newton": newton},
-            )  # fmt: skip
+            error.result = level.run(k)
             raise
-        y[k], v[k], a[k], lam[k] = found.y, found.v, found.a, found.lam
-        torque[k] = found.r[system.motors]
-        offset, force = dynamics.difference(flat, found.y), found.lam
-        offset[system.motors] = 0.0
-        last, newton = found, newton + found.iterations
-        if (
-            k in looks
-            and not unstable
-            and unstable_directions(dynamics, y[k], v[k], a[k], lam[k], now, free)
-        ):
-            unstable = True
-            said.append(unstable_text(f"t = {t[k]:.6g} s: equilibrium"))
-        if k in looks and system.kinks.rows and not loose:
+        if progress is not None and k % 16 == 0:
+            progress(k, len(t))
+    return level.run(len(t))
+
+
+class _Quasistatic:
+    """The level from instant to instant: r(y; v, a, lam, t) = 0 in the free rows, c(y) = 0.
+
+    Prescribed are the motors and, but for what the bent links change, the rates of the rigid
+    motion. Predicted is the deviation from it that the instant before had; Newton corrects it.
+    """
+
+    def __init__(self, mechanism: Mechanism, motion: Motion, t: Array) -> None:
+        self._name, self._t, self.path = mechanism.name, t, nominal(mechanism, motion, t)
+        system = self.system = mechanism.standing
+        self.dynamics, n, m = Equations(system), len(t), int(system.rigid.nv)
+        self.links = FrozenLinks(self.dynamics, mechanism, system.free)
+        self.y, self.lam = np.empty((n, system.nq)), np.empty((n, system.closed.n))
+        self.v, self.a = np.zeros((n, system.nv)), np.zeros((n, system.nv))
+        self.v[:, :m], self.a[:, :m] = self.path.v, self.path.a
+        self.torque, self.newton = np.empty((n, len(system.motors))), 0
+        self.offset, self.force = np.zeros(system.nv), np.zeros(system.closed.n)
+        self.last: Equilibrium | None = None
+        self._looks = set(np.linspace(0, n - 1, STABILITY_SAMPLES).astype(int).tolist())
+        self._said: dict[str, str] = {}
+
+    def prescribe(self, k: int) -> Array:
+        """The rigid pose (nq,) of an instant, its links straight."""
+        return np.concatenate([self.path.q[k], np.zeros(self.system.n_eta)])
+
+    def predict(self, k: int) -> Array:
+        """The pose (nq,) where Newton starts."""
+        return self.dynamics.integrate(self.prescribe(k), self.offset)
+
+    def correct(self, k: int, y: Array) -> Equilibrium:
+        """The equilibrium of an instant, by Newton on the residual (`balance`).
+
+        Raises:
+            ConvergenceError: There is none, or none near that of the instant before.
+        """
+        now, free, where = float(self.path.t[k]), self.system.free, f"t = {self._t[k]:.6g} s"
+        where = f"{self._name}: {where}"
+        found = balance(
+            self.dynamics, y, self.v[k], self.a[k], free, now, self.force, where, links=self.links
+        )
+        if self.last is not None and _snapped(self.dynamics, self.last, found, now, free):
+            raise ConvergenceError(
+                f"{where}: no equilibrium near that of the instant "
+                f"before, only an unstable one further off. {Ending.SNAPS_THROUGH.value}",
+                ending=Ending.SNAPS_THROUGH,
+            )
+        return found
+
+    def accept(self, k: int, found: Equilibrium) -> None:
+        """Record an equilibrium, and predict from there."""
+        self.y[k], self.v[k], self.a[k], self.lam[k] = found.y, found.v, found.a, found.lam
+        self.torque[k] = found.r[self.system.motors]
+        self.offset, self.force = self.dynamics.difference(self.prescribe(k), found.y), found.lam
+        self.offset[self.system.motors] = 0.0
+        self.last, self.newton = found, self.newton + found.iterations
+        if k in self._looks:
+            self._look(k, found)
+
+    def _look(self, k: int, found: Equilibrium) -> None:
+        """See whether an equilibrium gives way, or leaves something loose; said once each."""
+        d, free, now = self.dynamics, self.system.free, float(self.path.t[k])
+        state = found.y, found.v, found.a, found.lam, now
+        if "unstable" not in self._said and unstable_directions(d, *state, free):
+            self._said["unstable"] = unstable_text(f"t = {now:.6g} s: equilibrium")
+        if self.system.kinks.rows and "loose" not in self._said:
             from pinflex.levels.settled import loose_directions
 
-            loose = loose_directions(dynamics, found, free, now)
-            if loose:
-                said.append(
-                    f"t = {t[k]:.6g} s: nothing holds what has play in {plural(loose, 'direction')}"
+            if loose := loose_directions(d, found, free, now):
+                self._said["loose"] = (
+                    f"t = {now:.6g} s: nothing holds what has play in {plural(loose, 'direction')}"
                     ": there the position is one of many, that of the instant before (at first "
                     "the middle of the play)."
                 )
-        if progress is not None and k % 16 == 0:
-            progress(k, nt)
-    counts: dict[str, float] = {"steps": nt, "newton": newton}
-    return Run(system, path.t, y, v, a, lam, torque, counts, warnings=tuple(said))
+
+    def run(self, count: int) -> Run:
+        """The first instants as a run."""
+        cost: dict[str, float] = {"steps": count, "newton": self.newton}
+        states = self.path.t, self.y, self.v, self.a, self.lam, self.torque
+        if count < len(self._t):
+            return Run(self.system, *states, cost).at(slice(0, count))
+        return Run(self.system, *states, cost, warnings=tuple(self._said.values()))

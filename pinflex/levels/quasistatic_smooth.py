@@ -65,7 +65,7 @@ class Equilibria:
         self._system, self._close = mechanism.flexible, close
         self.dynamics = Equations(self._system)
         self._manifold = Manifold(self.dynamics)
-        self._links = FrozenLinks(self.dynamics, mechanism.rigid.free, self._system.free)
+        self._links = FrozenLinks(self.dynamics, mechanism, self._system.free)
         corners = breaks(motion, self._system.loads)
         self._pieces = PiecewiseChebyshev(float(t[0]), float(t[-1]), corners)
         first = self._pieces.nodes(_NODES).ravel()

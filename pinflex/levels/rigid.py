@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pinflex.actuation.drive import nominal
+from pinflex.actuation.drive import Nominal, nominal
 from pinflex.arrays import Array, spans
 from pinflex.boundary import public
 from pinflex.description.blocks.joints import Tension
@@ -51,25 +52,8 @@ def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]
     Returns:
         lam (n, rows), tau (n, nm).
     """
-    lam, torque, _ = _balanced(mechanism, J, r)
+    lam, torque, _ = correct(mechanism, J, r)
     return lam, torque
-
-
-def _balanced(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array, Array | None]:
-    """The same, and the multipliers of a least tension, shape (n, nm); None where none is asked."""
-    passive, motors = mechanism.rigid.free, mechanism.rigid.motors
-    share, price = mechanism.description.share, None
-    if not J.shape[1]:
-        return np.zeros((len(r), 0)), r[:, motors], None
-    A, b = J[:, :, passive].swapaxes(1, 2), r[:, passive, None]
-    square = A.shape[1] == A.shape[2]
-    lam = np.asarray(np.linalg.solve(A, b) if square else _shared(mechanism, J, r), dtype=float)
-    if isinstance(share, Tension) and not square:
-        from pinflex.levels.sharing import pulled
-
-        lam, price = pulled(mechanism, share, J, r, lam, _compliance(mechanism))
-    torque = r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
-    return lam[:, :, 0], torque, price
 
 
 def _shared(mechanism: Mechanism, J: Array, r: Array) -> Array:
@@ -118,29 +102,59 @@ def sharing(mechanism: Mechanism) -> str:
 
 
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
-    """Inverse dynamics of the rigid mechanism along a motion.
+    """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau.
 
     Returns:
         The run, with motor torques and closure multipliers.
     """
+    path, dynamics = prescribe(mechanism, motion, t), Equations(mechanism.rigid)
+    some = (path.at(at) for at in spans(len(t)))  # a long motion shall not fill the memory
+    return accept(mechanism, path, [correct(mechanism, *residual(dynamics, x)) for x in some])
+
+
+def prescribe(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
+    """The nominal motion: of the motors, and of what the loops make follow."""
     if isinstance(mechanism.description.share, Tension) and not sharing(mechanism):
         raise DescriptionError(
             f"{mechanism.name}: share.tension: {len(mechanism.motors)} motors for "
             f"{mechanism.report.mobility} degrees of freedom: one balance alone, nothing to "
             "choose. Remove it, or add struts."
         )
-    path, system = nominal(mechanism, motion, t), mechanism.rigid
-    dynamics, n = Equations(system), len(t)
-    lam, torque = np.zeros((n, system.closed.n)), np.empty((n, len(system.motors)))
-    price = np.zeros_like(torque)
-    for at in spans(n):
-        q, v, a = path.q[at], path.v[at], path.a[at]
-        r = dynamics.open(q, v, a, path.t[at])
-        lam[at], torque[at], held = _balanced(mechanism, dynamics.close(q).J, r)
-        price[at] = 0.0 if held is None else held
-    said = tuple(filter(None, [sharing(mechanism)]))
-    run = Run(system, path.t, path.q, path.v, path.a, lam, torque, {"steps": n}, warnings=said)
+    return nominal(mechanism, motion, t)
+
+
+def residual(dynamics: Equations, path: Nominal) -> tuple[Array, Array]:
+    """dc/dq (n, rows, nv), and what the motion takes where loops are open, (n, nv)."""
+    return dynamics.close(path.q).J, dynamics.open(path.q, path.v, path.a, path.t)
+
+
+def correct(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array, Array | None]:
+    """Multipliers and torques that balance it, and the multipliers of a least tension, (n, nm)."""
+    passive, motors = mechanism.rigid.free, mechanism.rigid.motors
+    share, price = mechanism.description.share, None
+    if not J.shape[1]:
+        return np.zeros((len(r), 0)), r[:, motors], None
+    A, b = J[:, :, passive].swapaxes(1, 2), r[:, passive, None]
+    square = A.shape[1] == A.shape[2]
+    lam = np.asarray(np.linalg.solve(A, b) if square else _shared(mechanism, J, r), dtype=float)
+    if isinstance(share, Tension) and not square:
+        from pinflex.levels.sharing import pulled
+
+        lam, price = pulled(mechanism, share, J, r, lam, _compliance(mechanism))
+    torque = r[:, motors] - (J[:, :, motors].swapaxes(1, 2) @ lam)[:, :, 0]
+    return lam[:, :, 0], torque, price
+
+
+def accept(
+    mechanism: Mechanism, path: Nominal, parts: Sequence[tuple[Array, Array, Array | None]]
+) -> Run:
+    """The run: the motion with what balances it."""
+    lam, torque = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    said, system = tuple(filter(None, [sharing(mechanism)])), mechanism.rigid
+    states = path.t, path.q, path.v, path.a, lam, torque
+    run = Run(system, *states, {"steps": len(path.t)}, warnings=said)
     if not isinstance(mechanism.description.share, Tension):
         return run
-    told = {name: price[:, k].tolist() for k, name in enumerate(mechanism.motors)}
+    prices = np.concatenate([np.zeros_like(tau) if p is None else p for _, tau, p in parts])
+    told = {name: prices[:, k].tolist() for k, name in enumerate(mechanism.motors)}
     return replace(run, settings={"share": {"multipliers [N]": told}})

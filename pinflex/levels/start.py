@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pinflex.actuation.drive import MotorPath, Nominal, nominal
-from pinflex.actuation.path import motor_axes
+from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
@@ -18,7 +18,6 @@ from pinflex.description.solve import Speeds
 from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, Ending, nearest
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.linearised import LinearPath
-from pinflex.levels.modes import state_of_run
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
@@ -39,6 +38,44 @@ _CENTRED = (
     "start: straight where this is meant."
 )
 _STILL = 1e-9  # [m/s^2] of the heaviest coordinate: round-off of gravity across a plane is 1e-15
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A state to linearise about: y, v, a, multipliers lam, time t [s], and its name in words."""
+
+    __repr__ = brief
+
+    y: Array
+    v: Array
+    a: Array
+    lam: Array
+    t: float
+    about: str
+
+
+def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
+    """The sample of a run of this mechanism that is nearest to a time [s]."""
+    k = int(np.argmin(np.abs(result.t - time)))
+    system, arrays = mechanism.flexible, result.arrays
+    if "eta" not in arrays and system.n_eta:
+        raise DescriptionError(
+            f"{mechanism.name}: a run of level {result.level}, in which no link "
+            "deforms. Give one of level quasistatic, ked or coupled, or a time of the motion."
+        )
+    parts = [("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a")]
+    y, v, a = (
+        np.concatenate([arrays[joint][k], arrays[own][k]]) if system.n_eta else arrays[joint][k]
+        for joint, own in parts
+    )
+    lam = arrays["multiplier"][k]
+    if (len(y), len(v), len(lam)) != (system.nq, system.nv, system.closed.n):
+        raise DescriptionError(
+            f"{mechanism.name}: the run has {len(v)} coordinates and {len(lam)} closure "
+            f"rows, the mechanism {system.nv} and {system.closed.n}. Give the one that was solved."
+        )
+    about = f"the run at t = {result.t[k]:g} s"
+    return Moving(y, v, a, lam, float(result.t[k]), about)
 
 
 @dataclass(frozen=True)
@@ -134,7 +171,7 @@ def _static_start(
     a, t, links = np.zeros(system.nv), float(path.t[0]), None
     if np.any(v) and mechanism.report.mobility == len(system.motors):
         a[: dynamics.n_rigid] = nominal(mechanism, motion, path.t[:1]).a[0]
-        links = FrozenLinks(at, mechanism.rigid.free, free)
+        links = FrozenLinks(at, mechanism, free)
     where = f"{mechanism.name}: start: {'auto' if auto else 'static'}"
     try:
         patience = _PATIENCE if auto else np.inf

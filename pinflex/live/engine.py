@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
+from pinflex.actuation.drive import TorqueDrive
+from pinflex.actuation.path import MotorPath
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import AlphaScheme, implicit_euler
-from pinflex.integrators.compiled import CompiledAlpha, Stages
-from pinflex.integrators.equal_steps import NEWTON
+from pinflex.integrators.compiled import Stages
+from pinflex.integrators.equal_steps import NEWTON, CompiledAlpha
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
 from pinflex.kernel.march import AlphaKernel
 from pinflex.mechanics.evaluation.equations import Equations

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -29,10 +28,6 @@ from pinflex.mechanics.closure import Closures, LogClosure, size_of, translation
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.rotations import axis_frame
 from pinflex.text import brief
-
-if TYPE_CHECKING:
-    from pinflex.mechanics.evaluation.equations import Equations
-
 
 # Loops that close but for the last digits of a drawing: the gap that is built in.
 #

@@ -33,15 +33,16 @@ from pinflex.description.blocks.joints import Coupling
 from pinflex.description.loops import ALONG, TURNED, Loop, Pairs, loop_kind
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.loads import Attachment, gear_name
-from pinflex.mechanics.model.slider import Contact, Sleeve
 from pinflex.rotations import axis_frame
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.mechanics.evaluation.equations import Equations
+    from pinflex.mechanics.model.slider import Sleeve
 
 
 _AXES = "xyz"
+ACROSS = (1, 2, 5)  # v, w and the twist, of the rows of a section: what a sleeve holds
 LENGTHS = 1e-12  # [m] below which a length is none
 _NOWHERE = Attachment(0, pin.SE3.Identity())
 
@@ -74,6 +75,30 @@ class CoupledRows:
         """Those whose new number is not -1."""
         k = renumber[self.rows] >= 0
         return CoupledRows(renumber[self.rows[k]], self.at, self.A[k], self.offset[k], self.J[k])
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The rows of one sleeve among all closure rows.
+
+    Attributes:
+        sleeve: What it holds. loop: Its number. rows: One for each of the sleeve's sorts.
+        supports: 1 where a velocity row moves a segment's root, shape (segments, nV).
+        on: Segment that the rows are written for.
+    """
+
+    sleeve: Sleeve
+    loop: int
+    rows: IntArray
+    supports: Array | None = None
+    on: int = 0
+
+    def select(self, renumber: IntArray) -> Contact:
+        """The same with the rows kept; `renumber` holds -1 for the others."""
+        kept = renumber[self.rows] >= 0
+        sorts = tuple(s for s, keep in zip(self.sleeve.sorts, kept, strict=True) if keep)
+        sleeve = replace(self.sleeve, sorts=sorts)
+        return replace(self, sleeve=sleeve, rows=renumber[self.rows[kept]])
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ are held too, and said to be nearly idle, with that share.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -36,6 +36,7 @@ from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import as_matrices, skew, support
 from pinflex.mechanics.model.loads import Attachment
+from pinflex.mechanics.model.system import Idle
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
@@ -44,29 +45,6 @@ _PART = 0.1  # of a spin of size one, for a body that takes part in it
 _SLENDER = 0.1  # of the distance between supports: a centre of mass nearer to the axis is idle
 _MASSLESS = 1e-12  # of the heaviest body
 _NONE = np.zeros(0, dtype=np.intp)
-
-
-@dataclass(frozen=True)
-class Idle:
-    """What is idle, and how it is held.
-
-    Attributes:
-        spins: Closures of kind "spin", one for each rod between balls.
-        rows: Velocity rows of other idle coordinates. loose: Those with inertia, which level
-            coupled lets go. base: Rows of a free base.
-        names: For reports.
-    """
-
-    spins: tuple[Loop, ...] = ()
-    rows: IntArray = field(default_factory=lambda: _NONE)
-    loose: IntArray = field(default_factory=lambda: _NONE)
-    base: IntArray = field(default_factory=lambda: _NONE)
-    names: tuple[str, ...] = ()
-
-    @property
-    def held(self) -> IntArray:
-        """Rows that all levels but coupled hold."""
-        return np.union1d(self.rows, self.base).astype(np.intp)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations, Followed, share
 from pinflex.mechanics.evaluation.frames import Frame
-from pinflex.mechanics.freedoms import Idle
 from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
@@ -35,7 +34,7 @@ from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
 from pinflex.mechanics.model.planes import LeftOut, any_undecided
 from pinflex.mechanics.model.relevance import left_out, with_damping
-from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
     Joint,
     Link,
@@ -188,6 +187,7 @@ _APART = (
     *("allow", "notes"),
 )
 _ASKED = ("yaml_text", "share", "control", "system_damping", "solve", "notes")  # not of a model
+_MOVING = (*_ASKED, "motion", "flexible")  # of its links, but not of how they are put together
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -425,12 +425,23 @@ def takes_model(
     return called
 
 
+@dataclass(frozen=True)
+class _Systems:
+    """Parts of a model and the systems made of them."""
+
+    parts: Mapping[str, FlexiblePart]
+    rigid: Assembled
+    flexible: System
+    report: LoopReport
+
+
 class _Loading:
     """One mechanism on its way: what its rigid, coarse and final models have in common.
 
     Attributes:
         model, links: Of the robot's file; not changed.
         assembled: The rigid system, once it is closed.
+        first, last: Systems to look at what deforms, and those of the mechanism.
     """
 
     def __init__(
@@ -445,12 +456,16 @@ class _Loading:
         self.needed = _needed_frames(description)
         self.geared = frozenset(elastic(description.joints))
         self.assembled: Assembled | None = None
+        self.first: _Systems | None = None
+        self.last: _Systems | None = None
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
         self.model: pin.Model
         self.links: tuple[Link, ...]
         if like is not None and _closes_alike(description, like.description):
             self.model, self.links, self.assembled = like.model, like.links, like.assembled
+            if _alike(description, like.description, _MOVING):
+                self.first, self.last = like.first, like.last
         else:
             self.model = model_of(description)
             self.links = link_tree(self.model, description.joints, self.coupled)
@@ -463,30 +478,40 @@ class _Loading:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
         look = any_undecided(self.description, self.links, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
-        parts = self.parts(coarse=coarse)
-        tree = self.tree(parts)
-        rigid = self.about(tree, parts)
-        if not parts and not self.geared:
-            return self._done(parts, rigid, *_with_elastic_joints(rigid))
-        flexible, report = self.flexible(parts, rigid, passing=look)
+        known = self.last
+        made = self.first = self.systems(self.parts(coarse=coarse), self.first)
         if look:
-            out = left_out(
-                self.description, self.links, parts, flexible, rigid.home, tuple(self.own)
-            )
+            parts, flexible, home = made.parts, made.flexible, made.rigid.home
+            out = left_out(self.description, self.links, parts, flexible, home, tuple(self.own))
             if coarse or any(out.values()):
-                parts = self.parts(out)
-                tree = self.tree(parts)
-                rigid = self.about(tree, parts)
-                flexible, report = self.flexible(parts, rigid)
+                made = self.systems(self.parts(out), known)
+        self.last, rigid, flexible = made, made.rigid, made.flexible
+        self.assembled = rigid
+        if known is None or flexible is not known.flexible:
+            given = made.parts, self.own, rigid.system, flexible, rigid.home
+            require_mass(self.description, self.links, *given)
+        names = coordinate_names(rigid.system.rigid)
+        return Mechanism(
+            self.description, Records(self.links), made.parts, rigid.system, flexible, rigid.home,
+            names, rigid.report, made.report, rigid.idle, self.own, self,
+        )  # fmt: skip
+
+    def systems(
+        self, parts: Mapping[str, FlexiblePart], like: _Systems | None
+    ) -> _Systems:
+        """The systems of parts: those of a model like this one, where its parts are the same."""
+        if like is not None and _made_alike(parts, like.parts):
+            return replace(like, parts=parts)
+        rigid = self.about(self.tree(parts), parts)
+        if not parts and not self.geared:
+            return _Systems(parts, rigid, *_with_elastic_joints(rigid))
+        flexible, report = self.flexible(parts, rigid)
+        own = rigid.report
         report = replace(
-            report,
-            mobility=rigid.report.mobility,
-            sigma_min=rigid.report.sigma_min,
-            starts=rigid.report.starts,
-            coupled=rigid.report.coupled,
-            gaps=rigid.report.gaps,
-        )
-        return self._done(parts, rigid, flexible, report)
+            report, mobility=own.mobility, sigma_min=own.sigma_min, starts=own.starts,
+            coupled=own.coupled, gaps=own.gaps,
+        )  # fmt: skip
+        return _Systems(parts, rigid, flexible, report)
 
     def parts(
         self, without: Mapping[str, Sequence[LeftOut]] | None = None, coarse: bool = False
@@ -537,29 +562,13 @@ class _Loading:
         return rigid_system(self.description, tree, parts, motors, names, limits)
 
     def flexible(
-        self, parts: Mapping[str, FlexiblePart], rigid: Assembled, passing: bool = False
+        self, parts: Mapping[str, FlexiblePart], rigid: Assembled
     ) -> tuple[System, LoopReport]:
-        """The flexible system about the rigid one; `passing`: for a look at what deforms."""
+        """The flexible system about the rigid one."""
         model = rigid.system.rigid
         expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
         expansion.model.armature[expansion.v_at] = model.armature
-        return flexible_system(self.description, expansion, parts, rigid, passing)
-
-    def _done(
-        self,
-        parts: Mapping[str, FlexiblePart],
-        rigid: Assembled,
-        flexible: System,
-        report: LoopReport,
-    ) -> Mechanism:
-        require_mass(
-            self.description, self.links, parts, self.own, rigid.system, flexible, rigid.home
-        )
-        names = coordinate_names(rigid.system.rigid)
-        return Mechanism(
-            self.description, Records(self.links), parts, rigid.system, flexible, rigid.home, names,
-            rigid.report, report, rigid.idle, self.own, self,
-        )  # fmt: skip
+        return flexible_system(self.description, expansion, parts, rigid)
 
 
 def _with_elastic_joints(rigid: Assembled) -> tuple[System, LoopReport]:
@@ -569,19 +578,29 @@ def _with_elastic_joints(rigid: Assembled) -> tuple[System, LoopReport]:
     return (replace(system, held=held) if elastic else system), rigid.report
 
 
+def _alike(a: Description, b: Description, apart: Sequence[str]) -> bool:
+    """Whether two descriptions say the same but for some keys."""
+    keys = (x.name for x in fields(a) if x.name not in apart)
+    return all(getattr(a, key) == getattr(b, key) for key in keys)
+
+
 def _closes_alike(a: Description, b: Description) -> bool:
     """Whether two descriptions have the same joints and loops, and links that deform."""
-    keys = (x.name for x in fields(a) if x.name not in _APART)
     deform = bool(a.flexible) and bool(b.flexible)  # else the rigid tree may be Pinocchio's own
-    return deform and all(getattr(a, key) == getattr(b, key) for key in keys)
+    return deform and _alike(a, b, _APART)
 
 
 def _models_alike(a: Description, b: Description) -> bool:
     """Whether two descriptions have the same model: what they ask to compute may differ."""
-    keys = (x.name for x in fields(a) if x.name not in _ASKED)
     # the motion up to its end and speeds at the start tell what deforms
     told = ((x.solve.until, x.solve.start_speeds) for x in (a, b))
-    return len({*map(str, told)}) == 1 and all(getattr(a, key) == getattr(b, key) for key in keys)
+    return len({*map(str, told)}) == 1 and _alike(a, b, _ASKED)
+
+
+def _made_alike(a: Mapping[str, FlexiblePart], b: Mapping[str, FlexiblePart]) -> bool:
+    """Whether parts of two descriptions that are put together alike are the same."""
+    told = ([(x.planes, x.length, x.spec, x.share) for x in parts.values()] for parts in (a, b))
+    return a.keys() == b.keys() and next(told) == next(told)
 
 
 def _size(spec: FlexibleLink) -> int:

@@ -21,7 +21,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.evaluation.compiled import require_workspace
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame
-from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, Idle, allowed
+from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, allowed
 from pinflex.mechanics.kinks import kinks
 from pinflex.mechanics.model.loads import (
     Expansion,
@@ -33,8 +33,8 @@ from pinflex.mechanics.model.loads import (
 )
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.relevance import link_damping, rows_of
-from pinflex.mechanics.model.slider import sleeves
-from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.slider import Sleeve, sleeve
+from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import joint_springs
 from pinflex.mechanics.reference.evaluator import Placing
 from pinflex.text import brief
@@ -175,6 +175,17 @@ class Assembled:
     misfit: Misfit
 
 
+def _sleeves(
+    description: Description, parts: Mapping[str, FlexiblePart], expansion: Expansion
+) -> dict[str, Sleeve]:
+    """The sleeves of a description on a rigid or an expanded model, by loop."""
+    return {
+        loop.name: sleeve(loop, parts, expansion, f"{description.name}: loops.{loop.name}")
+        for loop in description.loops
+        if loop.kind == "slider"
+    }
+
+
 def rigid_system(
     description: Description,
     tree: Expansion,
@@ -192,7 +203,7 @@ def rigid_system(
     """
     model = tree.model
     springs, dampers = joint_springs(description, model)
-    held = sleeves(description.loops, parts, tree, description.name)
+    held = _sleeves(description, parts, tree)
     coupled = description.couplings
     guess = home_guess(description, model)
     ground = _ground(description, tree, guess)
@@ -290,12 +301,8 @@ def flexible_system(
     expansion: Expansion,
     parts: Mapping[str, FlexiblePart],
     assembled: Assembled,
-    passing: bool = False,
 ) -> tuple[System, LoopReport]:
-    """The system in which links bend and elastic joints give way, and its closure rows.
-
-    `passing`: it is looked at alone; tables for the compiled kernel would cost more than they save.
-    """
+    """The system in which links bend and elastic joints give way, and its closure rows."""
     rigid, home, idle = assembled.system, assembled.home, assembled.idle
     n, m = int(rigid.rigid.nv), expansion.n_eta
     K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))
@@ -309,7 +316,7 @@ def flexible_system(
     for place in expansion.drives:
         gear, k = gears[place.joint], n + place.eta
         K[k, k], D[k, k] = gear.stiffness or 0.0, gear.damping
-    held = sleeves(description.loops, parts, expansion, description.name)
+    held = _sleeves(description, parts, expansion)
     loops = (*description.loops, *idle.spins)
     coupled = description.couplings
     every = closures(loops, expansion.frames, expansion.model, held, coupled, assembled.ground)
@@ -325,8 +332,8 @@ def flexible_system(
     require_workspace(description.name, system, description.limit)
     J = np.zeros((0, n + m))
     if every.n:
-        y, equations = np.concatenate([home, np.zeros(m)]), Equations(system)
-        J = equations.reference.close(y[None]).J[0] if passing else equations.close(y).J
+        # By the reference: once, where tables for the compiled kernel cost more than they save.
+        J = Equations(system).reference.close(np.concatenate([home, np.zeros(m)])[None]).J[0]
     kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
     spun = len(idle.spins)
     own = spun + len(coupled)

@@ -26,7 +26,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
 from pinflex.kernel.evaluate import entries_of, linear_systems
-from pinflex.linalg import saddle_matrix
+from pinflex.linalg import lapack, saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
@@ -176,8 +176,10 @@ class _March:
             v = v + h * (1.0 - sc.gamma) * s
             s = (-sc.alpha_m * s + sc.alpha_f * a) / (1.0 - sc.alpha_m)
             d, v = d + h * h * sc.beta * s, v + h * sc.gamma * s
-            right = load[free] + C[free] @ v + K[free] @ d
-            x = step @ np.vstack([-right, -(gap + J @ d) / (sc.beta * h * h)])
+            right = np.empty((n + len(gap), numbers + 1), order="F")
+            right[:n] = -(load[free] + C[free] @ v + K[free] @ d)
+            right[n:] = -(gap + J @ d) / (sc.beta * h * h)
+            x, _ = lapack().dgetrs(*step, right, overwrite_b=1)
             ds, lam = x[:n], x[n:]
             s, a = s + ds, sc.mass_factor * ds
             d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
@@ -222,13 +224,15 @@ class _March:
         frame = self.mechanism.frame(str(self.mechanism.description.platform))
         return np.asarray(frame_jacobian(self.dynamics, self.y[-1], frame)[:3])
 
-    def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, Array]]:
-        """Instant by instant: its number, its system, and the inverse of its step."""
+    def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, list[Array]]]:
+        """Instant by instant: its number, its system, and the LU factors of its step."""
         grid = self.grid
         for start in range(0, grid.moving + 1, _WINDOW):
             every = self._tangents(slice(start, min(start + _WINDOW, grid.moving + 1)))
-            steps = np.linalg.inv(np.array([self._step(now, free) for now in every]))
-            for i, (now, step) in enumerate(zip(every, steps, strict=True)):
+            for i, now in enumerate(every):
+                *step, info = lapack().dgetrf(self._step(now, free), overwrite_a=1)
+                if info:
+                    raise np.linalg.LinAlgError(f"dgetrf: info {info}")
                 if start + i < grid.moving:
                     yield start + i, now, step
         for k in range(grid.moving, grid.moving + grid.after):

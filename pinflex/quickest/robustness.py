@@ -13,6 +13,7 @@ from pinflex.description.description import Description
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.parameters import parameters
 from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.evaluation.equations import share
 from pinflex.mechanics.mechanism import Mechanism, load
 
 # The same robot with another payload, or stiffer and softer: what one motion has to suit.
@@ -52,10 +53,10 @@ def corners(robust: Mapping[str, float | Sequence[float]]) -> list[dict[str, flo
     A heavier payload and softer links lower frequencies, so these two go together. A list gives
     factors one by one.
     """
-    for name, share in robust.items():
+    for name, given in robust.items():
         if name not in KINDS:
             raise DescriptionError(f"robust: {name}.{nearest(name, KINDS)}")
-        for one in share if isinstance(share, Sequence) else [share]:
+        for one in given if isinstance(given, Sequence) else [given]:
             if isinstance(one, bool) or not isinstance(one, int | float) or not 0.0 < one < 2.0:
                 raise DescriptionError(
                     f"robust: {name}: {one!r}. Give a share, 0.2 for 20 %, or factors, [0.8, 1.2]."
@@ -71,9 +72,11 @@ def corners(robust: Mapping[str, float | Sequence[float]]) -> list[dict[str, flo
 
 def variant(mechanism: Mechanism, factors: Mapping[str, float]) -> Mechanism:
     """The robot with several of them."""
+    found = mechanism
     for kind, factor in factors.items():
-        mechanism = varied(mechanism, kind, factor)
-    return mechanism
+        found = varied(found, kind, factor)
+    share(mechanism, found, alike=True)
+    return found
 
 
 def _loaded(description: Description, factor: float) -> Description:
@@ -138,7 +141,7 @@ class Off:
 
 
 def robustness(
-    mechanism: Mechanism, motion: Motion, until: float, end: float, share: float = _SHARE
+    mechanism: Mechanism, motion: Motion, until: float, end: float, part: float = _SHARE
 ) -> tuple[Off, ...]:
     """Runs of the nominal robot and of those that are off by a share, both ways.
 
@@ -156,11 +159,11 @@ def robustness(
     for kind in KINDS:
         for sign in (-1.0, 1.0):
             try:
-                model = varied(mechanism, kind, 1.0 + sign * share)
+                model = variant(mechanism, {kind: 1.0 + sign * part})
             except DescriptionError:
                 continue  # the model says no such number
             found, _ = place(model)
             error = float(np.linalg.norm(found - nominal, axis=1).max())
-            what = f"{kind} {100 * sign * share:+.0f} %"
+            what = f"{kind} {100 * sign * part:+.0f} %"
             rows.append(Off(what, error, float(np.ptp(found[after], axis=0).max())))
     return tuple(rows)

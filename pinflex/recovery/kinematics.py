@@ -16,13 +16,13 @@ from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
 from pinflex.errors import DescriptionError
 from pinflex.integrators.problem import Run, Settings
+from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment, Interface, Loads
-from pinflex.mechanics.model.slider import Contact
 from pinflex.results.result import Result
 from pinflex.text import brief
 
@@ -319,11 +319,7 @@ class Samples:
         return None if self._rigid_path is None else self._rigid_path()
 
     def interface_load(self, interface: Interface) -> tuple[Array, Array]:
-        """Force (N) and moment (N m), (nt, 3) each, that what hangs on an interface needs.
-
-        Returns:
-            In the beam frame.
-        """
+        """Force (N) and moment (N m), (nt, 3) each in the beam frame, that an interface bears."""
         joint = interface.bottom(self.run.system.expansion.model)
         f = self.forces.f[joint]
         return f[:, :3], f[:, 3:]

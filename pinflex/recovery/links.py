@@ -79,14 +79,21 @@ def surface(
 # v'') is not yet converged, and it gives the axial force of links that have no axial mode.
 
 
-def section_deflections(section: Cut, eta: Array) -> Array:
-    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n)."""
-    (sections, rows, n), count = section.Phi.shape, len(eta)
-    d: Array = eta @ section.Phi.reshape(-1, n).T
-    if section.G is not None:
-        bent = (eta @ section.G.reshape(-1, n).T).reshape(count, -1, n)
+_PLACES, _TURNS = slice(0, 3), slice(3, 6)
+
+
+def section_deflections(section: Cut, eta: Array, rows: slice = slice(None)) -> Array:
+    """Rows (u, v, w, rz, ry, rx) over time, shape (nt, nx, 6), for eta of shape (nt, n).
+
+    `rows`: only some of them.
+    """
+    Phi, G = section.Phi[:, rows], None if section.G is None else section.G[:, rows]
+    (sections, height, n), count = Phi.shape, len(eta)
+    d: Array = eta @ Phi.reshape(-1, n).T
+    if G is not None:
+        bent = (eta @ G.reshape(-1, n).T).reshape(count, -1, n)
         d += 0.5 * (bent @ eta[:, :, None])[:, :, 0]
-    return d.reshape(count, sections, rows)
+    return d.reshape(count, sections, height)
 
 
 def section_resultants(
@@ -154,8 +161,20 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
     }
 
 
-def links(samples: Samples) -> dict[str, Array]:
-    """Arrays link/NAME/... of a Result."""
+def forces(samples: Samples) -> dict[str, Array]:
+    """Arrays link/NAME/... of a Result that follow from forces: section forces and stresses."""
+    out = dict[str, Array]()
+    for name, resultant in resultants(samples, out).items():
+        key, part = f"link/{name}", samples.mechanism.parts[name]
+        out[f"{key}/x"] = _stations(_slots(samples, name))
+        out[f"{key}/resultant"] = resultant
+        for kind, value in stresses(part.spec.section, resultant).items():
+            out[f"{key}/stress/{kind}"] = value
+    return out
+
+
+def lines(samples: Samples) -> dict[str, Array]:
+    """Arrays link/NAME/... of a Result that follow from poses: deflection and centre lines."""
     mechanism, poses = samples.mechanism, samples.kinematics.poses
     reference, frames = samples.rigid_poses, mechanism.rigid.expansion.frames
     if reference is None:
@@ -163,18 +182,13 @@ def links(samples: Samples) -> dict[str, Array]:
     out = dict[str, Array]()
     for name, part in mechanism.parts.items():
         slots = _slots(samples, name)
-        roots = np.array([pose_of(poses, slot.root) for slot in slots])
-        pieces = [_piece(samples, slot, (k, roots), out) for k, slot in enumerate(slots)]
-        x, resultant, line, turned = map(_joined, zip(*pieces, strict=True))
-        x, home = x[0], pose_of(poses, slots[0].root)
+        pieces = [_piece(samples, slot) for slot in slots]
+        line, turned = map(_joined, zip(*pieces, strict=True))
+        x, home = _stations(slots), pose_of(poses, slots[0].root)
         back = off_straight(line, x, home[:, :, :3], home[:, :, 3])
         spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
         key = f"link/{name}"
-        out[f"{key}/x"] = x
         out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
-        out[f"{key}/resultant"] = resultant
-        for kind, value in stresses(part.spec.section, resultant).items():
-            out[f"{key}/stress/{kind}"] = value
         out[f"{key}/centreline"] = line
         out[f"{key}/section_y"] = turned[:, :, :, 1]
         frame = frames[name]
@@ -185,17 +199,25 @@ def links(samples: Samples) -> dict[str, Array]:
     return out
 
 
-def resultants(samples: Samples) -> dict[str, Array]:
-    """Section forces of each flexible link [N, N m], shape (nt, nx, 6), as `links` has them."""
-    out, found = dict[str, Array](), dict[str, Array]()
+def resultants(samples: Samples, out: dict[str, Array] | None = None) -> dict[str, Array]:
+    """Section forces of each flexible link [N, N m], shape (nt, nx, 6).
+
+    Solid bodies add the stress on their surface to `out`.
+    """
+    found = dict[str, Array]()
     for name in samples.mechanism.parts:
         slots = _slots(samples, name)
         roots = np.array([pose_of(samples.kinematics.poses, slot.root) for slot in slots])
         found[name] = _joined([
-            _forces(samples, slot, (k, roots), out)[1]
+            _forces(samples, slot, (k, roots), {} if out is None else out)
             for k, slot in enumerate(slots)
         ])  # fmt: skip
     return found
+
+
+def _stations(slots: Sequence[Slot]) -> Array:
+    """Sections of a link along its span [m], shape (nx,)."""
+    return _joined([(slot.offset + slot.body.cut.x)[None] for slot in slots])[0]
 
 
 def _slots(samples: Samples, name: str) -> list[Slot]:
@@ -207,34 +229,30 @@ def _joined(values: Sequence[Array]) -> Array:
     return np.concatenate([values[0], *(v[:, 1:] for v in values[1:])], axis=1)
 
 
-def _forces(
-    samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
-) -> tuple[Array, Array]:
-    """Deflections and section forces of one body of a link, each (nt, nx, 6).
-
-    A solid body adds the stress on its surface to `out`.
-    """
-    run = samples.run
-    eta = run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
-    d = section_deflections(slot.body.cut, eta)
+def _forces(samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]) -> Array:
+    """Section forces of one body of a link, (nt, nx, 6)."""
+    eta = _coordinates(samples, slot)
+    d = section_deflections(slot.body.cut, eta, _PLACES)
     # A linear run has its forces on the undeformed link.
-    deflected = (0.0 * d, 0.0 * eta) if run.linear else (d, eta)
+    deflected = (0.0 * d, 0.0 * eta) if samples.run.linear else (d, eta)
     forces = _section_forces(samples, slot, *deflected, out)
     for contact, table in samples.forces.sleeves:
         if contact.sleeve.link == slot.link:
             forces += section_forces(slot.body.cut.x, table, *among)
-    return d, forces
+    return forces
 
 
-def _piece(
-    samples: Samples, slot: Slot, among: tuple[int, Array], out: dict[str, Array]
-) -> tuple[Array, Array, Array, Array]:
-    """Stations (1, nx), section forces, centre line and section rotations of one body of a link."""
-    d, forces = _forces(samples, slot, among, out)
-    root, x = among[1][among[0]], slot.body.cut.x
-    line = centre_line(d, x, root[:, :, :3], root[:, :, 3])
-    turned = root[:, None, :, :3] @ zyx_matrix(d[:, :, 3:])
-    return (slot.offset + x)[None], forces, line, turned
+def _coordinates(samples: Samples, slot: Slot) -> Array:
+    run = samples.run
+    return run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
+
+
+def _piece(samples: Samples, slot: Slot) -> tuple[Array, Array]:
+    """Centre line and section rotations of one body of a link."""
+    root = pose_of(samples.kinematics.poses, slot.root)
+    d = section_deflections(slot.body.cut, _coordinates(samples, slot))
+    line = centre_line(d, slot.body.cut.x, root[:, :, :3], root[:, :, 3])
+    return line, root[:, None, :, :3] @ zyx_matrix(d[:, :, _TURNS])
 
 
 def centre_line(d: Array, x: Array, R: Array, p: Array) -> Array:
@@ -254,7 +272,7 @@ def off_straight(line: Array, x: Array, R: Array, p: Array) -> Array:
 def _section_forces(
     samples: Samples, slot: Slot, d: Array, eta: Array, out: dict[str, Array]
 ) -> Array:
-    """Section forces (nt, nx, 6) under deflections d (nt, nx, 6) at coordinates eta (nt, n)."""
+    """Section forces (nt, nx, 6) under deflections d (nt, nx, 3) at coordinates eta (nt, n)."""
     g = samples.forces.g
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
@@ -285,7 +303,7 @@ def deflections(dynamics: Equations, y: Array) -> dict[str, tuple[Array, Array]]
         roots = poses_of_frames(dynamics, y, [s.root for s in own]) if own[1:] else []
         for k, slot in enumerate(own):
             cut = slot.body.cut
-            d = section_deflections(cut, eta[:, slot.eta])[:, :, :3]
+            d = section_deflections(cut, eta[:, slot.eta], _PLACES)
             if k:
                 line = centre_line(d, cut.x, *roots[k])
                 d = off_straight(line, slot.offset + cut.x, *roots[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from typing import Any
 
@@ -168,11 +168,7 @@ def describe(
     cost: dict[str, float],
     stopped: str,
 ) -> dict[str, Callable[[], Any]]:
-    """The meta mapping of a Result, key by key, but for what `assess` says.
-
-    Returns:
-        Functions that find the value of a key (plain JSON types): some take longer than a run.
-    """
+    """Functions that find the meta of a Result, key by key, but for what `assess` says."""
     description, model = mechanism.description, mechanism.rigid.rigid
     return {
         "name": lambda: mechanism.name,
@@ -279,13 +275,9 @@ def _links(mechanism: Mechanism) -> dict[str, Any]:
         links[name] = {
             "length": part.length,
             "mass": part.mass,
-            "section": asdict(section),
+            "section": {one.name: getattr(section, one.name) for one in fields(section)},
             "material": {
-                "name": material.name,
-                "E": material.E,
-                "G": material.G,
-                "rho": material.rho,
-                "yield_strength": material.yield_strength,
+                key: getattr(material, key) for key in ("name", "E", "G", "rho", "yield_strength")
             },
             "frame": [[float(x) for x in row] for row in part.placement.rotation],
             "origin": [float(x) for x in part.placement.translation],

@@ -16,7 +16,7 @@ from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.recovery.kinematics import Samples, joint_poses, motion_of, pose_of, run_of, samples_of
-from pinflex.recovery.links import links
+from pinflex.recovery.links import forces, lines
 from pinflex.recovery.meta import ASSESSED, assess, describe, drives
 from pinflex.results.lazy import Late, plain_meta
 from pinflex.results.result import Result
@@ -175,16 +175,18 @@ def result_of(
     known = describe(mechanism, run, level, cost, stopped)
     described: dict[tuple[str, ...], Callable[[], dict[str, Any]]]
     described = {(key,): told(key, find) for key, find in known.items()}
-    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, **described}))
+    unasked: dict[tuple[str, ...], Callable[[], dict[str, Any]]] = {}
+    if run.several is not None:
+        unasked[("statistics",)] = told("statistics", run.several)
+    return Result(run.t, arrays, Late({}, {ASSESSED: assessed, **described}, unasked or None))
 
 
 def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[str, Array]:
-    """Arrays of a Result at once, by flat key.
-
-    Returns:
-        Arrays as documented in `pinflex.results.result`.
-    """
+    """Arrays of a Result at once, by flat key."""
     return dict(_arrays(Samples(mechanism, run, lambda: rigid_path), run))
+
+
+_OF_FORCES = ("link/*/x", "link/*/resultant", "link/*/stress/*", "link/*/mesh/*")
 
 
 def _arrays(samples: Samples, run: Run) -> Late[Array]:
@@ -197,9 +199,11 @@ def _arrays(samples: Samples, run: Run) -> Late[Array]:
         _read_only(_states, run),
         {
             ("joint", "multiplier", "eta_a"): group(_accelerations),
-            ("frame", "body", "energy"): group(_motion),
+            ("frame", "energy"): group(_motion),
+            ("body",): group(_body_poses),
             ("loop", "reaction", "residual"): group(lambda s: s.forces.arrays),
-            ("link",): group(lambda s: links(s) if s.run.system.n_eta else {}),
+            _OF_FORCES: group(lambda s: forces(s) if s.run.system.n_eta else {}),
+            ("link",): group(lambda s: lines(s) if s.run.system.n_eta else {}),
             ("drive",): group(lambda s: drives(s.mechanism, s.run)),
         },
         {
@@ -243,16 +247,20 @@ def _states(run: Run) -> dict[str, Array]:
 
 
 def _motion(samples: Samples) -> dict[str, Array]:
-    """frame, body and energy; of a linear run, the deviations of frames too."""
-    mechanism, run, motion = samples.mechanism, samples.run, samples.kinematics
-    out, bodies = motion.arrays | _energy_flow(run), _bodies(mechanism)
-    out.update(_poses("pose", motion.poses, bodies, run.system.expansion.frames))
+    """frame and energy; of a linear run, the deviations of frames too."""
+    run = samples.run
+    out = samples.kinematics.arrays | _energy_flow(run)
+    return out if run.path is None else out | frame_deviations(samples.mechanism, run)
+
+
+def _body_poses(samples: Samples) -> dict[str, Array]:
+    mechanism, bodies = samples.mechanism, _bodies(samples.mechanism)
+    frames = samples.run.system.expansion.frames
+    out = _poses("pose", samples.kinematics.poses, bodies, frames)
     if samples.rigid_poses is None:
-        out.update({f"body/{name}/pose_rigid": out[f"body/{name}/pose"] for name in bodies})
-    else:
-        frames = mechanism.rigid.expansion.frames
-        out.update(_poses("pose_rigid", samples.rigid_poses, bodies, frames))
-    return out if run.path is None else out | frame_deviations(mechanism, run)
+        return out | {f"body/{name}/pose_rigid": out[f"body/{name}/pose"] for name in bodies}
+    frames = mechanism.rigid.expansion.frames
+    return out | _poses("pose_rigid", samples.rigid_poses, bodies, frames)
 
 
 def _world_reactions(samples: Samples) -> dict[str, Array]:

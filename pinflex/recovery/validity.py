@@ -63,11 +63,7 @@ class Monitors:
 def monitors(
     mechanism: Mechanism, run: Run, arrays: Mapping[str, Array], spins: Mapping[int, Array]
 ) -> dict[str, Monitors]:
-    """Monitors of every flexible link of a run.
-
-    Returns:
-        By link name; empty for a rigid run.
-    """
+    """Monitors of every flexible link of a run, by name; empty for a rigid run."""
     if not run.system.n_eta:
         return {}
     every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))

@@ -143,7 +143,8 @@ MOST = 2e9  # [bytes] of arrays that are read without asking
 # Kinds of the values in meta: a type, [kind of each] or {name: kind} (None: any name).
 _NUMBER = (int, float)
 _JOINT = {"kind": str, "parent": str, "child": str, "origin": [_NUMBER], "axis": [_NUMBER]}
-_VISUAL = {"file": str, "shape": str, **{k: [_NUMBER] for k in ("size", "scale", "rpy", "xyz")}}
+_PLACED = {"size": [_NUMBER], "scale": [_NUMBER], "rpy": [_NUMBER], "xyz": [_NUMBER]}
+_VISUAL = {"file": str, "shape": str, **_PLACED}
 _META: dict[str, Any] = {
     "name": str,
     "level": str,

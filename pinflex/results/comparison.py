@@ -16,6 +16,7 @@ from pinflex.results import verdict
 from pinflex.results.drives import DriveRow, drive_row, drive_table
 from pinflex.results.result import Result, peak, rms, same_grid
 from pinflex.results.verdict import BAND, TOL, residual, stops
+from pinflex.results.views import Deviation
 from pinflex.text import brief, percent, short
 
 # The report of a comparison: the answer in words, a table of levels, then all the rest.
@@ -309,15 +310,19 @@ def torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueR
 def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
     """Largest deviations of the platform from the rigid run."""
     frame = str(rigid.meta["platform"])
-    deviation = run.deviation_from(rigid, frame)
+    return farthest(label, frame, run.deviation_from(rigid, frame))
+
+
+def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
+    """Largest deviations of a frame."""
     far, turned = int(np.argmax(deviation.norm)), int(np.argmax(deviation.angle))
     return PlatformRow(
         level=label,
         frame=frame,
         position=float(deviation.norm[far]),
-        position_time=float(run.t[far]),
+        position_time=float(deviation.t[far]),
         rotation=float(deviation.angle[turned]),
-        rotation_time=float(run.t[turned]),
+        rotation_time=float(deviation.t[turned]),
         at_start=float(deviation.norm[0]),
     )
 

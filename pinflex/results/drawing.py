@@ -91,11 +91,7 @@ def drawing_of(meta: Mapping[str, Any]) -> Drawing:
 
 
 def urdf_parts(text: str) -> Plain:
-    """Joints and visuals of a URDF as JSON has them; a visual that cannot be read is left out.
-
-    Raises:
-        ElementTree.ParseError, ValueError: It is no URDF.
-    """
+    """Joints and visuals of a URDF as JSON has them; a visual that cannot be read is left out."""
     root = ElementTree.fromstring(text.strip())
     return {
         "joints": {j.get("name", ""): x for j in root.findall("joint") if (x := _joint(j))},

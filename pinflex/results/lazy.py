@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from fnmatch import fnmatchcase
 from threading import RLock
 from typing import Any, TypeVar
 
@@ -19,9 +20,9 @@ Groups = Mapping[tuple[str, ...], Callable[[], Mapping[str, T]]]
 class Late(Mapping[str, T]):
     """Read-only: values that are known, and others that come in groups.
 
-    A group is asked for by the head of a key ("link" of "link/distal_1/x"), one without heads by
-    any key that is not known. It is found once, also where several threads ask. Whoever lists the
-    keys asks for all of them.
+    A group is asked for by the head of a key ("link" of "link/distal_1/x"), or by a glob that the
+    whole key fits ("link/*/stress/*"), one without heads by any key that is not known. It is found
+    once, also where several threads ask. Whoever lists the keys asks for all of them.
     """
 
     def __init__(
@@ -33,7 +34,7 @@ class Late(Mapping[str, T]):
 
     def __getitem__(self, key: str) -> T:
         if key not in self._known:
-            self._find(key.partition("/")[0])
+            self._find(key)
         if key not in self._known and self._unlisted is not None:
             return self._unlisted[key]
         return self._known[key]
@@ -49,12 +50,18 @@ class Late(Mapping[str, T]):
     def __repr__(self) -> str:
         return f"Late({len(self._known)} found, {len(self._later)} groups not yet asked for)"
 
-    def _find(self, head: str | None = None) -> None:
+    def _find(self, key: str | None = None) -> None:
         with self._lock:
             for heads, group in tuple(self._later.items()):
-                if head is None or head in heads or not heads:
+                if key is None or not heads or any(_asks(key, head) for head in heads):
                     self._known.update(group())
                     del self._later[heads]
+                if key is not None and key in self._known:
+                    return
+
+
+def _asks(key: str, head: str) -> bool:
+    return fnmatchcase(key, head) if "*" in head else key.partition("/")[0] == head
 
 
 # Arrays and meta as a result keeps them: read-only, time first, plain.

@@ -180,11 +180,7 @@ class Quantity:
     colour: str | None = None
 
     def of(self, result: Result) -> Array:
-        """Its values in a result, read-only.
-
-        Raises:
-            DescriptionError: The function gives something that has not the instants of the result.
-        """
+        """Its values in a result, read-only."""
         values = np.array(self.function(result), dtype=np.float64)
         if values.shape[:1] != result.t.shape:
             raise DescriptionError(

@@ -35,7 +35,6 @@ from pinflex.results.views import (
     rms,
     worst_section,
 )
-from pinflex.rotations import rotation_vector
 from pinflex.text import short
 from pinflex.writing import write_csv
 
@@ -115,13 +114,20 @@ class Result(Display):
 
     @property
     def statistics(self) -> dict[str, Statistic]:
-        """Torques of motors over runs whose histories part at contacts, by name; else empty."""
-        found = self.meta.get("settings", {}).get("statistics", {})
+        """Torques of motors over runs whose histories part at contacts, by name; else empty.
+
+        The other runs are made now, two more; a stored result has them if `with_errors` made it.
+        """
+        found = self.meta.get("statistics", {})
         return {name: Statistic(**one) for name, one in found.items()}
 
     def with_errors(self) -> Result:
-        """The result with `errors` in its meta, so that a file of it has them too."""
-        return replace(self, meta={**self.meta, "errors": self.errors.plain()})
+        """The result with `errors` in its meta, so that a file of it has them too; `statistics`
+        likewise, where there are some.
+        """
+        several = {name: one._asdict() for name, one in self.statistics.items()}
+        more = {"errors": self.errors.plain(), **({"statistics": several} if several else {})}
+        return replace(self, meta={**self.meta, **more})
 
     def __getitem__(self, key: str) -> Array:
         """The read-only array of a flat key: run["torque"], run["frame/platform/position"]."""
@@ -247,9 +253,8 @@ class Result(Display):
             frame: Name of an output frame of both runs.
         """
         same_grid(self, other)
-        mine, theirs = self.frame(frame), other.frame(frame)
-        turn = mine.rotation @ np.swapaxes(theirs.rotation, 1, 2)
-        return Deviation(self.t, mine.position - theirs.position, rotation_vector(turn))
+        theirs = other.frame(frame)
+        return self.frame(frame).away_from(theirs.position, theirs.rotation)
 
     def worst_stress(self, kind: str = "von_mises", link: str | None = None) -> Worst:
         """Largest stress over time, sections and links.

@@ -14,6 +14,7 @@ from pinflex.description.section import SHAPES, Section
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.report import card, grid
+from pinflex.rotations import rotation_vector
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -87,11 +88,7 @@ def point_stress(
 
 
 def section_of(result: Result, link: str) -> Section:
-    """Cross-section of a link, from the meta of a run.
-
-    Raises:
-        DescriptionError: A file of an older pinflex lacks its dimensions.
-    """
+    """Cross-section of a link, from the meta of a run."""
     try:
         return Section(**result.meta["links"][link]["section"])
     except TypeError:
@@ -204,7 +201,8 @@ class Statistic(NamedTuple):
         rms, peak: In the unit of the quantity.
         frequencies: Lower ends of the octaves of its spectrum [Hz]. levels: Its rms in each.
         spread: Of rms, of peak, then of every octave: standard deviation over the runs.
-        runs: Their number.
+        runs: Their number. parted: When the two part that differ by 1e-9 in their first speeds [s];
+            None: they do not.
     """
 
     rms: float
@@ -213,6 +211,7 @@ class Statistic(NamedTuple):
     levels: list[float]
     spread: list[float]
     runs: int
+    parted: float | None = None
 
 
 def statistics(
@@ -367,8 +366,9 @@ class FrameView(View):
     __repr__ = brief
     kind = "frame"
     arrays: ClassVar[Mapping[str, str]] = {
-        name: f"frame/NAME/{name}" for name in ("position", "rotation", "velocity", "acceleration")
-    }
+        "position": "frame/NAME/position", "rotation": "frame/NAME/rotation",
+        "velocity": "frame/NAME/velocity", "acceleration": "frame/NAME/acceleration",
+    }  # fmt: skip
 
     result: Result
     name: str
@@ -392,6 +392,11 @@ class FrameView(View):
     def acceleration(self) -> Array:
         """Acceleration of the origin [m/s^2], then angular [rad/s^2], shape (nt, 6)."""
         return self.result.array(f"frame/{self.name}/acceleration")
+
+    def away_from(self, position: Array, rotation: Array) -> Deviation:
+        """Deviation from other poses at the same instants, shapes (nt, 3) and (nt, 3, 3)."""
+        turn = rotation_vector(self.rotation @ np.swapaxes(rotation, 1, 2))
+        return Deviation(self.result.t, self.position - position, turn)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 
 if TYPE_CHECKING:
-    from pinflex.actuation.drive import MotorPath
+    from pinflex.actuation.path import MotorPath
     from pinflex.arrays import Array
     from pinflex.integrators.compiled import Batch, States
     from pinflex.integrators.problem import Path, State

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,21 +13,24 @@ from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Run
+from pinflex.levels.modes import default_step
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.assembly import RANK
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.solver.scene import Progress, Scene
-from pinflex.solver.step_length import default_step
 from pinflex.solver.tolerance import solve_to_tolerance
+
+if TYPE_CHECKING:
+    from pinflex.solver.scene import Progress, Scene
+
+    Level = Callable[[Scene, Array, Progress | None], Run]
 
 _STICTION = 1e-3  # tolerance of runs that stick, where none is given
 _PASSED_OVER = (
     "equal steps do not end at contacts, and lose their order there: take `tol` where that matters."
 )
-Level = Callable[[Scene, Array, Progress | None], Run]
 
 
 def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:

@@ -19,12 +19,12 @@ from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Run
+from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.solver.levels import LEVELS
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, result_from, scene_of
-from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
 
 # Of the steps. A vibration of that share may be lost in them, and a derivative by a parameter that

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive, breaks, motor_path, path_between
+from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, nominal, path_between
 from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
-from pinflex.actuation.path import motor_axes
+from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
-from pinflex.integrators import dense
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
@@ -28,7 +27,7 @@ from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import default_step, modes, rings_below
 from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
@@ -36,7 +35,6 @@ from pinflex.mechanics.evaluation.equations import Equations, Followed
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
-from pinflex.solver.step_length import default_step
 
 # What a digital controller takes from the motion: references of motors and rigid torques.
 
@@ -214,7 +212,7 @@ class Scene:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
 
         Steps of a dt that was asked for may be longer than the samples are apart, which then lie
-        between them (`dense.between`); others end at samples, and so do those of level ked.
+        between them (`equal_steps.between`); others end at samples.
         """
         spec = self.spec
         steps, every = self._count(t, dt)
@@ -227,15 +225,17 @@ class Scene:
                     "Give a word: auto, static or straight."
                 )
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
-            fine[::every] = t  # to the last digit: there the nominal motion may be known
+            if every:
+                fine[::every] = t  # to the last digit: there the nominal motion may be known
             run = solve_ked(
                 self.mechanism, self.motion, fine, method_of(spec), spec.start,
-                spec.ked == "structural", progress, every=every, **close,
+                spec.ked == "structural", progress, every=max(every, 1), **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
-            return self._judged(run, fine, every)
+            run = self._judged(run, fine, every)
+            return run if every else self._thin(t, every, True)(run)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
@@ -270,7 +270,7 @@ class Scene:
         end, parts = float(t[-1] - t[0]), len(t) - 1
         every = max(1, int(min(np.ceil(end / dt / parts - 1e-9), 1e12)))
         steps = max(1, int(np.ceil(min(end / dt, 1e12) - 1e-9)))
-        if self.spec.dt is None or self.linear or every > 1 or steps >= parts:
+        if self.spec.dt is None or every > 1 or steps >= parts:
             return every * parts, every
         done = 0.0 if self.before is None else steps * float(self.before.t[-1]) / end
         return (steps, 0) if abs(done - round(done)) < _SAME_INSTANT * steps else (parts, 1)
@@ -284,7 +284,9 @@ class Scene:
             asked = t if self.before is None else t[len(self.before.t) - 1 :]
             path = motor_path(self.mechanism, self.motion, asked) if prescribed else None
             led = None if path is None else (motor_axes(self.mechanism), path)
-            found = dense.between(run, asked, led)
+            found = coupled.between(run, asked, led)
+            if run.path is not None:
+                found = replace(found, path=nominal(self.mechanism, self.motion, asked))
             h, off = float(run.t[1] - run.t[0]), found.settings["interpolated"]
             text = (
                 f"samples lie between steps of {h:.3g} s, where torques are interpolated to about "
@@ -302,7 +304,8 @@ class Scene:
                 f"dt = {dt:g} s was cut to {h:.3g} s, as every sample takes a step. Ask for fewer "
                 "samples."
             )
-        if len(steps) < _FEW and run.system.n_eta:
+        followed = 1.0 / (_PER_PERIOD * h)  # the highest frequency, Hz
+        if len(steps) < _FEW and run.system.n_eta and not rings_below(self.mechanism, followed):
             first = modes(self.mechanism, count=9, preload="none").frequencies
             period = 1.0 / float(np.min(first[first > 0], initial=np.inf))
             if h > period / _PER_PERIOD:
@@ -539,7 +542,7 @@ class Scene:
         return replace(start, v=v)
 
     def _found_start(self) -> Start:
-        dynamics = Equations(self._system)
+        dynamics = Equations(self._system, marched=self.spec.level == "coupled")
         path = motor_path(self.mechanism, self.motion, np.zeros(1))
         driven = self.spec.drive == "torque"
         if isinstance(self.spec.start, str):

@@ -10,8 +10,10 @@ round-off sets, and the last run that differed tells how high that is.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from pinflex.integrators.collocation import Alpha, Collocation
 from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import default_step, modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -31,9 +33,10 @@ from pinflex.recovery.kinematics import Samples
 from pinflex.recovery.links import resultants, stresses
 from pinflex.results.views import statistics
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.solver.scene import Progress, Scene
-from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from pinflex.solver.scene import Progress, Scene
 
 # A tolerance kept by one run that judges itself while it goes.
 #
@@ -316,9 +319,8 @@ _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose 
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
 _CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
-# Blows multiply what runs differ by: runs beyond the first after which the last one is answered
-# with a word, where pins have clearance, and of others with contacts.
-_CHAOTIC, _ABRUPT = 1, 3
+_ABRUPT = 3  # the same with contacts, which multiply what runs differ by: the last is answered then
+_WINDOWS = (1 / 64, 1 / 16, 1 / 4, 1.0)  # of a run: whether another one has parted from it by then
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
@@ -360,7 +362,7 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     that the two differ by, and what the first step of a pilot misses would show as that.
     """
 
-    def attempt(resolution: float, coarser: Run | None) -> Run:
+    def attempt(resolution: float, coarser: Run | None, t: Array = t) -> Run:
         finer = max(round(np.log(first / resolution) / np.log(_FINER)), 0)
         pilot = coarser is None and not abrupt
         return scene.resolved(t, resolution, progress, coarser, pilot, finer)
@@ -369,11 +371,7 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     first, gain = (_STICKING * tol, 1.0) if abrupt else (8.0 * tol, 3.0)
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
-
-    def again(resolution: float) -> Run:
-        return replace(scene, nudge=_NUDGE).resolved(t, resolution, progress)
-
-    return _Refinement(scene, t, tol, attempt, first, _FINER, gain, again).run()
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -420,25 +418,29 @@ class _Refinement:
         scene: Scene,
         t: Array,
         tol: float,
-        attempt: Callable[[float, Run | None], Run],
+        attempt: Callable[..., Run],
         first: float,
         ratio: float,
         gain: float,
-        again: Callable[[float], Run] | None = None,
     ) -> None:
-        """`again`: the run from a start that differs by next to nothing."""
-        self.scene, self.tol, self.attempt, self.again = scene, tol, attempt, again
+        """`attempt`: a run of a size, with the coarser one or None, and perhaps other samples."""
+        self.scene, self.tol, self.attempt = scene, tol, attempt
         self.size, self.ratio, self.gain = first, ratio, gain
         self.compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
         self.cost: dict[str, float] = {}
         self.failures = self.worse = self.runs = 0
         self.last: Run | None = None
+        self.rounds = _ABRUPT if scene.bends else _ROUNDS
         loops = scene.mechanism.description.loops
-        loose = any(loop.clearance is not None for loop in loops)
-        self.rounds = _ROUNDS if not scene.bends else _CHAOTIC if loose else _ABRUPT
+        self.loose = scene.bends and any(loop.clearance is not None for loop in loops)
 
     def run(self) -> Run:
         """The first run whose estimate is half of the tolerance."""
+        if self.loose:
+            with suppress(ConvergenceError):  # finer ones may pass
+                one, other = self._beside()
+                within = len(one.t) == len(other.t) and _worst(other) <= 0.5 * self.tol
+                return other if within else self._parted(one, other)
         coarse: Run | None = None
         before_last: Run | None = None
         worst = np.inf
@@ -458,33 +460,64 @@ class _Refinement:
             return self._parted(before_last, self.last)
         raise self._not_reached()
 
+    def _beside(self) -> tuple[Run, Run]:
+        """Two runs of sizes that follow each other: of the coarser one as much as shows where pins
+        that are loose make the two part; the finer one with what they differ by until then.
+        """
+        sizes = self.size, self.size / self.ratio
+        fine, self.size = self.attempt(sizes[1], None), sizes[1] / self.ratio
+        for part in _WINDOWS:
+            upto = slice(0, max(int(np.ceil(part * len(fine.t))), 2))
+            coarse = self.attempt(sizes[0], None, fine.t[upto])
+            self._add(coarse)
+            if np.isfinite(_parting(coarse, fine.at(upto), self.tol)):
+                break
+        self.runs = 2
+        self._add(fine)
+        compare, whole = self.compare, len(coarse.t) == len(fine.t)
+        if not whole:
+            spec, scene = self.scene.spec, self.scene
+            self.compare = Outputs(scene.mechanism, scene.motion, coarse.t, spec.asked or ASKED)
+        last = self._judged(coarse, fine.at(upto))
+        self.compare = compare
+        settings: Settings = {**fine.settings, "tol": self.tol, "error": last.settings["error"]}
+        if not whole:
+            settings["judged"] = f"two runs up to {coarse.t[-1]:.4g} s, where they part"
+        words = (*fine.warnings, *ringing(self.scene, fine))
+        return coarse, replace(
+            fine, settings=settings, cost=last.cost, judged=last.judged, warnings=words
+        )
+
     def _parted(self, coarse: Run, fine: Run) -> Run:
         """The finer of two runs with contacts that part, with a word on what it may be used for."""
-        moved, words = None, ""
-        try:
-            moved = self.again(self.size * self.ratio**2) if self.again else None
-        except ConvergenceError:
-            words = "A third run, from a start with other last digits, broke off. "
-        when, tol = _parting(coarse, fine, self.tol), self.tol
-        if moved is not None:
-            for key, count in moved.cost.items():
-                fine.cost[key] = fine.cost.get(key, 0.0) + count
-            fine.cost["runs"] = self.runs + 1.0
-            apart = _parting(coarse, moved, tol)
-            words = f"Two starts whose speeds differ by {_NUDGE:g} part at {apart:.4g} s. "
-            if not np.isfinite(apart):
-                words = f"Two starts {_NUDGE:g} apart do not: a smaller tol brings it. "
-        peaks = ", ".join(f"{np.abs(_history(x)).max():.4g}" for x in (coarse, fine))
+        tol, when = self.tol, _parting(coarse, fine.at(slice(0, len(coarse.t))), self.tol)
         words = (
             f"contacts multiply what two runs differ by: they part by more than tol = {tol:g} at "
-            f"t = {when:.4g} s, and from there on a single history means little. {words}Peaks (the "
-            f"two have {peaks}), means and spectra do, with their spread: run.statistics; a "
-            "shorter `until` is within tol."
+            f"t = {when:.4g} s, and from there on a single history means little. Peaks, means and "
+            "spectra do, with their spread: run.statistics makes more runs and has them; a shorter "
+            "`until` is within tol."
         )
-        every = (coarse, fine) if moved is None else (coarse, fine, moved)
-        found = statistics(fine.t, self.scene.mechanism.motors, [run.torque for run in every])
-        settings: Settings = {**fine.settings, "statistics": found}
-        return replace(fine, settings=settings, warnings=(*fine.warnings, words))
+        if not np.isfinite(when):
+            words = (
+                f"contacts: two runs, one in shorter steps, differ by {_worst(fine):.2g}, which is "
+                f"not well within tol = {tol:g}."
+            )
+        return replace(
+            fine, warnings=(*fine.warnings, words), several=partial(self._several, fine, self.size)
+        )
+
+    def _several(self, fine: Run, size: float) -> dict[str, dict[str, object]]:
+        """Statistics of three runs: one, a coarser one, and that with other speeds at the start."""
+        size, runs, moved = size * self.ratio**2, [fine], replace(self.scene, nudge=_NUDGE)
+        for scene in (self.scene, moved):
+            with suppress(ConvergenceError):
+                runs.append(scene.resolved(fine.t, size))
+        if len(runs) == 1:
+            return {}
+        parts = _parting(runs[1], runs[2], self.tol) if len(runs) == 3 else np.inf
+        told = statistics(fine.t, scene.mechanism.motors, [run.torque for run in runs])
+        known = float(parts) if np.isfinite(parts) else None
+        return {name: {**one, "parted": known} for name, one in told.items()}
 
     def _next(self, coarse: Run | None) -> Run | None:
         """The next run; None where it broke off and a finer one may pass."""
@@ -500,9 +533,12 @@ class _Refinement:
             if self.failures > _FAILURES:
                 raise
             return None
-        for key, count in fine.cost.items():
-            self.cost[key] = self.cost.get(key, 0.0) + count
+        self._add(fine)
         return fine
+
+    def _add(self, run: Run) -> None:
+        for key, count in run.cost.items():
+            self.cost[key] = self.cost.get(key, 0.0) + count
 
     def _at_round_off(self, coarse: Run, fine: Run) -> Run:
         """The finer of two runs alike, if a longer step shows that the tolerance is met."""

@@ -30,11 +30,10 @@ import yaml
 
 from pinflex import registered
 from pinflex.description.description import Description
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.errors import DescriptionError, PinflexError, reason
 from pinflex.kernel.library import warn_if_missing
 from pinflex.recovery.meta import version
 from pinflex.results.pose_map import Columns
-from pinflex.studies.study import reason
 from pinflex.threads import one_blas_thread
 from pinflex.writing import lock, plain, writable
 
@@ -200,9 +199,6 @@ def answers(
     """Number and answer (or `Lost`) of every item, in the order in which they are ready.
 
     `pickles`: whether work and items may travel; else threads do what copies cannot.
-
-    Raises:
-        DescriptionError: No scheduler at that address, or Dask is not installed.
     """
     warn_if_missing()  # here: where the work is done, warnings are ignored
     if scheduler is not None:

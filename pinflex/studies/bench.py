@@ -19,6 +19,7 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import cut
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.integrators.problem import Run
+from pinflex.levels.modes import default_step
 from pinflex.levels.outputs import Outputs, relative
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.rigid import solve_rigid
@@ -27,7 +28,6 @@ from pinflex.progress import Progress, barred, callback
 from pinflex.recovery import links
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
-from pinflex.solver.step_length import default_step
 from pinflex.threads import one_blas_thread
 from pinflex.viewer.plots.drawing import COLOURS, Drawing, panels, title
 

@@ -6,16 +6,19 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from pinflex.actuation.drive import nominal
 from pinflex.advice.solve import solve
 from pinflex.description.description import Description
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, SceneError, nearest
+from pinflex.levels.outputs import platform_poses
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.results.comparison import StressRow, cost_row, platform_row, stress_row
+from pinflex.results.comparison import StressRow, cost_row, farthest, stress_row
 from pinflex.results.quantities import joint_unit
 from pinflex.results.result import Result, peak, rms
+from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
-from pinflex.studies.study import yield_strengths
 
 Beside = Callable[[Result, Result | None], Mapping[str, float]]
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
@@ -48,7 +51,7 @@ def scene_outputs(
     level: str | None = None,
     wanted: Iterable[str] = OUTPUTS,
     rigid: Result | None = None,
-    beside: Beside = lambda run, rigid: {},
+    beside: Beside | None = None,
     options: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Numbers, flags and texts of one scene, SI units; what does not exist is left out.
@@ -67,9 +70,13 @@ def scene_outputs(
     found: dict[str, Any] = {}
     if groups - {"frequency"}:
         run = solve(mechanism, level=level, **{"asked": _asked(mechanism, groups), **options})
-        if "deviation" in groups and rigid is None:
-            rigid = _rigid(mechanism, run, options)
-        found = _of_run(mechanism, run, groups, rigid) | dict(beside(run, rigid))
+        away: Mapping[str, float] = {}
+        if "deviation" in groups:
+            if rigid is None and (beside is not None or not _nominal(mechanism)):
+                rigid = _rigid(mechanism, run, options)
+            away = _deviation(mechanism, run, rigid, options)
+        found = _of_run(mechanism, run, groups, away)
+        found |= {} if beside is None else beside(run, rigid)
     if "frequency" in groups:
         frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
         found |= {f"frequency.{i}": f for i, f in enumerate(frequencies, 1)}
@@ -114,16 +121,40 @@ def _rigid(mechanism: Mechanism, run: Result, options: Mapping[str, Any]) -> Res
         return None
 
 
+def _nominal(mechanism: Mechanism) -> bool:
+    """Whether the nominal motion is the rigid run: of that no torques are needed."""
+    prescribed = mechanism.description.solve.drive == "prescribed"
+    return prescribed and mechanism.report.mobility == len(mechanism.motors)
+
+
+def _deviation(
+    mechanism: Mechanism, run: Result, rigid: Result | None, options: Mapping[str, Any]
+) -> dict[str, float]:
+    """How far the platform is off the rigid run at most; without one, off the nominal motion."""
+    frame = mechanism.description.platform
+    if run.level == "rigid" or frame is None:
+        return {}
+    if rigid is not None:
+        away = run.deviation_from(rigid, frame)
+    elif not _nominal(mechanism):
+        return {}
+    else:
+        moved = options.get("motion") or default_motion(mechanism)
+        try:
+            path = nominal(mechanism, moved, run.t)
+        except SceneError:
+            return {}
+        poses = platform_poses(mechanism, Equations(mechanism.rigid), path.q)
+        away = run.frame(frame).away_from(*poses)
+    place = farthest("run", frame, away)
+    return {"deviation.position": place.position, "deviation.rotation": place.rotation}
+
+
 def _of_run(
-    mechanism: Mechanism, run: Result, groups: set[str], rigid: Result | None
+    mechanism: Mechanism, run: Result, groups: set[str], away: Mapping[str, float]
 ) -> dict[str, Any]:
     """The groups of a run; of poses, forces and stresses only what they need is found."""
-    found: dict[str, Any] = {}
-    if "torque" in groups:
-        found |= _torques(run)
-    if "deviation" in groups and rigid is not None and run.level != "rigid":
-        place = platform_row("run", rigid, run)
-        found |= {"deviation.position": place.position, "deviation.rotation": place.rotation}
+    found: dict[str, Any] = {**(_torques(run) if "torque" in groups else {}), **away}
     stresses: list[StressRow] = []
     if groups & {"stress", "validity"}:
         known = yield_strengths(mechanism)
@@ -164,4 +195,13 @@ def _validity(run: Result, stresses: list[StressRow]) -> dict[str, Any]:
         "validity.energy_balance": run.meta["energy_balance"],
         "validity.worst_closure": run.worst_closure,
         "validity.warnings": " | ".join(run.meta["warnings"]),
+    }
+
+
+def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
+    """Strength [Pa] of the links whose material has one."""
+    return {
+        name: part.spec.material.yield_strength
+        for name, part in mechanism.parts.items()
+        if part.spec.material.yield_strength is not None
     }

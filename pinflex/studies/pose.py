@@ -45,10 +45,6 @@ def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
 
     Returns:
         q of the rigid mechanism, shape (nq,).
-
-    Raises:
-        DescriptionError: Not a motor, or not a finite number.
-        MotionError, SingularityError: The pose cannot be reached from home.
     """
     names = list(mechanism.description.actuated)
     for name, value in motors.items():
@@ -66,15 +62,7 @@ def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
 
 
 def moved(mechanism: Mechanism, by: Mapping[str, float]) -> Array:
-    """Rigid configuration with motors or platform coordinates displaced from home.
-
-    Returns:
-        q of the rigid mechanism, shape (nq,).
-
-    Raises:
-        DescriptionError: Neither motors nor platform coordinates, or no platform.
-        MotionError, SingularityError: The pose cannot be reached from home.
-    """
+    """Rigid configuration (nq,) with motors or platform coordinates displaced from home."""
     motors = mechanism.description.actuated
     known = (*PLATFORM_COORDINATES, *motors)
     for name in by:

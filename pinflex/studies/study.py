@@ -17,8 +17,16 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import LEVELS, SolveSpec
-from pinflex.errors import ConvergenceError, DescriptionError, PinflexError, SceneError, nearest
+from pinflex.errors import (
+    ConvergenceError,
+    DescriptionError,
+    PinflexError,
+    SceneError,
+    nearest,
+    reason,
+)
 from pinflex.integrators.march import TOGETHER
+from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.progress import Callback, Progress, Stages
 from pinflex.results import archive
@@ -27,8 +35,8 @@ from pinflex.results.lazy import Late
 from pinflex.results.result import Result, peak
 from pinflex.results.verdict import BAND, TOL
 from pinflex.solver.solve import default_motion
-from pinflex.solver.step_length import default_step
 from pinflex.studies.checking.check import first_frequencies
+from pinflex.studies.outputs import yield_strengths
 from pinflex.text import brief
 from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
@@ -109,25 +117,11 @@ def file_name(run: Result, complete: bool = True) -> str:
     return f"{run.meta['name']}-{run.level}{'' if complete else '-partial'}.npz"
 
 
-def yield_strengths(mechanism: Mechanism) -> dict[str, float]:
-    """Strength [Pa] of the links whose material has one."""
-    return {
-        name: part.spec.material.yield_strength
-        for name, part in mechanism.parts.items()
-        if part.spec.material.yield_strength is not None
-    }
-
-
 def falls(record: Outcomes) -> float | None:
     """Last instant at which the quasistatic level found a balance, if it lost it on the way."""
     partial, error = record.partial.get("quasistatic"), record.unsolved.get("quasistatic")
     lost = isinstance(error, ConvergenceError) and "no equilibrium" in str(error)
     return float(partial.t[-1]) if partial is not None and lost and len(partial.t) else None
-
-
-def reason(error: PinflexError) -> str:
-    """Why a run stopped, without what only a Python caller can use."""
-    return str(error).replace(" error.result holds the run so far.", "")
 
 
 def why_missing(record: Outcomes, level: str) -> str:
@@ -357,14 +351,7 @@ def study(
     motion: Motion | None = None,
     tol: float = TOL,
 ) -> Study:
-    """Solve a scene at several levels and compare; a level that fails does not stop the others.
-
-    Returns:
-        The study.
-
-    Raises:
-        DescriptionError: An unknown level, nothing flexible, or input that no level can take.
-    """
+    """Solve a scene at several levels and compare; a level that fails does not stop the others."""
     if not mechanism.compliant:
         raise DescriptionError(
             f"{mechanism.name}: nothing is flexible, no link and no joint, so there is nothing to "

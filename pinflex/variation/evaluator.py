@@ -78,11 +78,7 @@ def _unit(name: str, motors: Mapping[str, str]) -> str:
 
 
 def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
-    """The names, if each is an output.
-
-    Raises:
-        DescriptionError: Another name, with the nearest.
-    """
+    """The names, each of which has to be an output."""
     allowed = [
         *(f"frequency.{k}" for k in range(1, _FREQUENCIES + 1)), "mass", "sag",
         *(f"stiffness.{axis}" for axis in AXES), "deviation.peak", "deviation.position",
@@ -106,14 +102,7 @@ def measure(
     rigid: Result | None = None,
     every: Iterable[str] = (),
 ) -> dict[str, float]:
-    """The outputs of a scene.
-
-    Returns:
-        By name, SI units.
-
-    Raises:
-        DescriptionError: An output that the scene does not have, such as a sag without a platform.
-    """
+    """The outputs of a scene by name, SI units; one that it does not have is an error."""
     wanted = check_names(names, mechanism)
     found = available(mechanism, wanted, level, rigid, every)
     missing = [name for name in wanted if name not in found]
@@ -232,11 +221,7 @@ class Limit:
 
 
 def limits(texts: Iterable[str]) -> tuple[Limit, ...]:
-    """Limits from texts.
-
-    Raises:
-        DescriptionError: Another form.
-    """
+    """Limits from texts."""
     return tuple(_limit(text) for text in texts)
 
 

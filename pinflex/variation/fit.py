@@ -32,10 +32,10 @@ from pinflex.errors import (
     SceneError,
     SingularityError,
 )
+from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
-from pinflex.solver.step_length import default_step
 from pinflex.text import brief, plural
 from pinflex.threads import one_blas_thread
 from pinflex.variation.data import history_data, modal_data, response_data

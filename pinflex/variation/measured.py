@@ -35,11 +35,7 @@ _RATES = {8: "", 11: ".velocity", 12: ".acceleration"}  # specific data types of
 def columns(
     source: str | Path | Mapping[str, Any], nodes: Mapping[int, str] | None = None
 ) -> Columns:
-    """Columns by name.
-
-    Raises:
-        DescriptionError: No such file, or not of the form above.
-    """
+    """Columns by name."""
     if isinstance(source, Mapping):
         return _checked({k: np.asarray(v) for k, v in source.items()}, "measured")
     path = Path(source)

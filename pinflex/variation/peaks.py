@@ -33,7 +33,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
 from pinflex.results.views import rms
 from pinflex.solver.same_steps import RESOLUTION, SameSteps
-from pinflex.studies.study import yield_strengths
+from pinflex.studies.outputs import yield_strengths
 
 # Derivatives of outputs by the logarithm of a parameter: implicit, or extrapolated differences.
 #

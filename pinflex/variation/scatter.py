@@ -80,11 +80,7 @@ class Distribution:
 def distributions(
     description: Description, normal: Mapping[str, str], uniform: Mapping[str, str]
 ) -> tuple[Distribution, ...]:
-    """Random parameters from texts.
-
-    Raises:
-        DescriptionError: No such number, a text that is no pair, a key given twice.
-    """
+    """Random parameters from texts."""
     found: dict[str, Distribution] = {}
     for kind, given in (("normal", normal), ("uniform", uniform)):
         for pattern, text in given.items():

@@ -16,11 +16,11 @@ from pinflex.boundary import public
 from pinflex.description.description import Description
 from pinflex.description.reading.parameters import Parameter, parameters
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError
+from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
 from pinflex.solver.solve import default_motion
-from pinflex.solver.step_length import default_step
 from pinflex.text import brief, number
 from pinflex.threads import one_blas_thread
 from pinflex.variation.evaluator import DEFAULT, available, check_names, measure, of_a_run, units

@@ -95,11 +95,7 @@ class Variants:
 def variants(
     mechanism: Mechanism, patterns: Iterable[str], changes: Sequence[str] = ()
 ) -> Variants:
-    """The designs that the numbers named by key paths span.
-
-    Raises:
-        DescriptionError: No such number, or one that is 0 and so has no relative change.
-    """
+    """The designs that the numbers named by key paths span."""
     description, found = parameters(mechanism.description, patterns)
     for parameter in found:
         if not parameter.value or not math.isfinite(parameter.value):

@@ -20,8 +20,8 @@ import yaml
 
 import pinflex as pf
 from pinflex.__main__ import main
+from pinflex.description.description import json_schema
 from pinflex.description.reading import yaml_text
-from pinflex.description.reading.json_schema import json_schema
 from tests.unit.description.test_formats import BARS, INERTIA, gepetto
 
 POINT = "closed_loop: [[tip_A, tip_B]]\ntype: [3d]\nname_mot: [motor]\n"

@@ -25,7 +25,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.__main__ import build_parser, main
-from pinflex.description.reading.json_schema import json_schema
+from pinflex.description.description import json_schema
 from pinflex.description.reading.yaml_text import load
 from tests.docs.blocks import ELSEWHERE, PAGES, ROOT, Block, blocks
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,24 +34,20 @@ _MADE = "_yields"  # ends of links made here
 _SYMMETRIC, _NEGATIVE, _PITCH = 1e-9, 1e-12, 1e-12  # of the largest entry
 
 
-def yielding(block: dict[str, Any], where: str, tree: Source) -> tuple[dict[str, Any], Source]:
+def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]:
     """The YAML and the robot with joints in place of loops that resist."""
-    found = {
-        name: spec
-        for name, spec in (block.get("loops") or {}).items()
-        if isinstance(spec, dict) and resists(spec)
-    }
-    if not found:
-        return block, tree
-    loops, joints = dict(block["loops"]), dict(block.get("joints") or {})
+    loops = dict(block["loops"])
+    joints = schema.mapping(block.get("joints", {}), block.at("joints"))
     root = ET.fromstring(tree.text.strip())
     built = False
-    for name, spec in found.items():
-        at = schema.at(where, name)
-        a, b = _ends(spec, at, tree)
-        chain, weld = _chain(name, spec, at)
+    for name, spec in block["loops"].items():
+        if not isinstance(spec, dict) or not resists(spec):
+            continue
+        loop = schema.Block(spec, schema.at(block.at("loops"), name))
+        a, b = _ends(loop, tree)
+        chain, weld = _chain(name, loop)
         for joint in chain:
-            _require_new(joint, joints, tree, at)
+            _require_new(joint, joints, tree, loop)
         end = f"{name}{_MADE}_end"
         if end not in tree.links:
             _hang(root, a, chain, end)
@@ -59,97 +55,90 @@ def yielding(block: dict[str, Any], where: str, tree: Source) -> tuple[dict[str,
         rest = {k: v for k, v in spec.items() if k not in (*RESIST, "kind", "between", "axis")}
         loops[name] = {"kind": weld, "between": [end, b], **rest}
         joints |= {joint.name: joint.extra for joint in chain if joint.extra}
-    block = {**block, "loops": loops, "joints": joints}
+    whole = {**block, "loops": loops, "joints": joints}
     if not built:
-        return block, tree
+        return whole, tree
     written = sources.read(ET.tostring(root, encoding="unicode"), tree.file, tree.package_dirs)
-    return block, replace(written, notes=tree.notes)
+    return whole, replace(written, notes=tree.notes)
 
 
-class _Joint:
+class _Joint(NamedTuple):
     """A joint of the chain: name, URDF type, axis, a point on it, and its block of `joints`."""
 
-    def __init__(self, name: str, kind: str, axis: Array, at: Array, extra: dict[str, Any]) -> None:
-        self.name, self.kind, self.axis, self.at, self.extra = name, kind, axis, at, extra
+    name: str
+    kind: str
+    axis: Array
+    at: Array
+    extra: dict[str, Any]
 
 
-def _ends(spec: Mapping[str, Any], where: str, tree: Source) -> tuple[str, str]:
+def _ends(block: schema.Block, tree: Source) -> tuple[str, str]:
     """The frames, that of the robot first."""
-    pair = schema.items(spec.get("between"), schema.at(where, "between"), 2)
-    grounded = "at" in spec or (WORLD not in tree.links and WORLD in pair)
-    a, b = ends(pair, schema.at(where, "between"), tree, grounded)
+    pair = schema.items(block.get("between"), block.at("between"), 2)
+    grounded = "at" in block or (WORLD not in tree.links and WORLD in pair)
+    a, b = ends(pair, block.at("between"), tree, grounded)
     return (b, a) if a == WORLD and grounded else (a, b)
 
 
-def _require_new(joint: _Joint, joints: Mapping[str, Any], tree: Source, where: str) -> None:
+def _require_new(
+    joint: _Joint, joints: Mapping[str, Any], tree: Source, block: schema.Block
+) -> None:
     own = f"{joint.name}{_MADE}" in tree.links
     if joint.name in joints or (joint.name in tree.joints and not own):
-        raise DescriptionError(
-            f"{where}: its joint is called {joint.name}, and there is one of that name. Rename "
-            "the loop."
+        raise block.error(
+            "", f"its joint is called {joint.name}, and there is one of that name. Rename the loop."
         )
 
 
-def _chain(name: str, spec: Mapping[str, Any], where: str) -> tuple[list[_Joint], str]:
+def _chain(name: str, block: schema.Block) -> tuple[list[_Joint], str]:
     """The joints of one loop, and the kind of loop that closes behind them."""
-    kind = spec.get("kind")
+    kind = block.get("kind")
     if kind == BUSHING:
-        return _bushing(name, spec, where)
+        return _bushing(name, block)
     if kind not in _ONE:
-        key = next(key for key in RESIST if spec.get(key) is not None)
-        raise DescriptionError(
-            f"{schema.at(where, key)}: has no meaning "
-            f"for the kind {kind}, only for revolute and prismatic (about or along their axis) and "
-            "for bushing. Remove it, or change the kind."
+        key = next(key for key in RESIST if key in block)
+        raise block.error(
+            key,
+            f"has no meaning for the kind {kind}, only for revolute and prismatic (about or along "
+            "their axis) and for bushing. Remove it, or change the kind.",
         )
-    extra: dict[str, Any] = {}
     words = {"stiffness": "spring", "damping": "damper", "friction": "friction", "rest": "rest"}
-    for key, word in words.items():
-        if spec.get(key) is not None:
-            extra[word] = spec[key]
-    for key in ("stiffness", "damping"):
-        if key in spec:
-            schema.number(spec[key], schema.at(where, key), low=0, of=key)
+    extra = {word: block[key] for key, word in words.items() if key in block}
+    for key in block.keys() & {"stiffness", "damping"}:
+        schema.number(block[key], block.at(key), low=0, of=key)
     if "friction" in extra:
-        drives.read_friction(extra["friction"], schema.at(where, "friction"))
+        drives.read_friction(extra["friction"], block.at("friction"))
     if "rest" in extra and "spring" not in extra:
-        raise DescriptionError(f"{schema.at(where, 'rest')}: there is no spring. Add `stiffness`.")
-    axis = np.array(schema.direction(spec.get("axis", "z"), schema.at(where, "axis")))
+        raise block.error("rest", "there is no spring. Add `stiffness`.")
+    axis = np.array(schema.direction(block.get("axis", "z"), block.at("axis")))
     return [_Joint(name, str(kind), axis, np.zeros(3), extra)], "weld"
 
 
-def _bushing(name: str, spec: Mapping[str, Any], where: str) -> tuple[list[_Joint], str]:
-    at = {key: schema.at(where, key) for key in RESIST}
-    for key in ("friction", "rest", "axis"):
-        if spec.get(key) is not None:
-            raise DescriptionError(
-                f"{schema.at(where, key)}: has no meaning for the kind bushing. Remove it."
-            )
-    if spec.get("stiffness") is None:
-        raise DescriptionError(
-            f"{where}: a bushing without stiffness. Give `stiffness`: 3 numbers [N/m], 6 ([N/m], "
-            "then [N m/rad]) or a 6x6 matrix."
+def _bushing(name: str, block: schema.Block) -> tuple[list[_Joint], str]:
+    block.only(("friction", "rest", "axis"), "has no meaning for the kind bushing. Remove it.")
+    if "stiffness" not in block:
+        raise block.error(
+            "",
+            "a bushing without stiffness. Give `stiffness`: 3 numbers [N/m], 6 ([N/m], then "
+            "[N m/rad]) or a 6x6 matrix.",
         )
-    K, size = _matrix(spec["stiffness"], at["stiffness"], "stiffness")
+    K, size = _matrix(block["stiffness"], block.at("stiffness"), "stiffness")
     D = np.zeros((6, 6))
-    if spec.get("damping") is not None:
-        D, _ = _matrix(spec["damping"], at["damping"], "damping")
-    A, k = _columns(K, at["stiffness"])
+    if "damping" in block:
+        D, _ = _matrix(block["damping"], block.at("damping"), "damping")
+    A, k = _columns(K, block.at("stiffness"))
     d = A.T @ D @ A
     if np.any(np.abs(d - np.diag(np.diag(d))) > _SYMMETRIC * np.max(np.abs(d), initial=0.0)):
-        raise DescriptionError(
-            f"{at['damping']}: couples what the stiffness does not. Give 3 or 6 numbers beside 3 "
-            "or 6, or a 6x6 matrix in proportion to the stiffness."
+        raise block.error(
+            "damping",
+            "couples what the stiffness does not. Give 3 or 6 numbers beside 3 or 6, or a 6x6 "
+            "matrix in proportion to the stiffness.",
         )
     chain: list[_Joint] = []
     for i in range(size):
         one = f"{name}.{_NAMES[i]}"
-        extra: dict[str, Any] = {}
-        if k[i] > 0.0:
-            extra["spring"] = float(k[i])
-        if d[i, i] > 0.0:
-            extra["damper"] = float(d[i, i])
-        chain += _screw(one, A[:, i], extra)
+        numbers = {"spring": float(k[i]), "damper": float(d[i, i])}
+        chain += _screw(one, A[:, i], {key: x for key, x in numbers.items() if x > 0.0})
     return chain, "weld" if size == 6 else "spherical"
 
 

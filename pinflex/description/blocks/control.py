@@ -10,7 +10,7 @@ controller: measured at t = k period, held from then (and a delay) on, saturated
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -166,6 +166,10 @@ def _matrices(system: Any) -> tuple[Array, Array, Array, Array, Any]:
 Law = Callable[[float, Array, Array, Array], Array]
 
 
+def _link(value: object, where: str, urdf: Source) -> str:
+    return schema.known(value, where, urdf.links, "link")
+
+
 @dataclass(frozen=True)
 class Deflection:
     """Measures the deflection of a flexible link in its own frame, m.
@@ -174,9 +178,9 @@ class Deflection:
         link: Flexible link. x: Where along the beam [m]. direction: y or z of the beam.
     """
 
-    link: str
-    x: float
-    direction: str = "y"
+    link: str = schema.key(schema.REQUIRED, _link, given=True, form=schema.TEXT, required=False)
+    x: float = schema.real(schema.REQUIRED, "place", low=0, key="at", required=False)
+    direction: str = schema.word("y", ("y", "z"))
 
 
 @dataclass(frozen=True)
@@ -344,11 +348,8 @@ def pid(
 
 # The block `control` of a YAML file: {NAME: {measure, drive, ...}}, and `period`, `delay`.
 
-GAINS = ("kp", "ki", "kd")
 DIGITAL = ("period", "delay")  # of all entries; an entry of such a name is a block
-SAMPLED = ("limit", "forward")  # of an entry of a digital controller
-KEYS = ("measure", "drive", *GAINS, "target", *SAMPLED)
-FORWARD = ("rigid", "none")
+_FORWARD = ("rigid", "none")
 _MOTION = "motion"
 
 
@@ -359,14 +360,8 @@ def read_control(
     block = schema.mapping(value, where)
     times = {k: block.pop(k) for k in DIGITAL if not isinstance(block.get(k, {}), Mapping)}
     period, delay = _times(times, where)
-    entries = {
-        name: schema.mapping(item, schema.at(where, name), KEYS, ("measure", "drive"))
-        for name, item in block.items()
-    }
-    read = {
-        name: _entry(item, schema.at(where, name), urdf, motors, period)
-        for name, item in entries.items()
-    }
+    entries = dict(schema.entries(block, where, ENTRY))
+    read = {name: _entry(one, urdf, motors, period) for name, one in entries.items()}
     if read:
         return _control(read, urdf, period, delay)
     if period is not None:
@@ -376,25 +371,74 @@ def read_control(
     return None
 
 
+_MEASURE = schema.keys(
+    Deflection, "link", "at", "direction", joint=schema.bare(schema.TEXT, required=False)
+)
+_DRIVE = {"patch": schema.bare(schema.TEXT), "joint": schema.bare(schema.TEXT)}
+
+
+def _measure(value: object, where: str, urdf: Source) -> Deflection | Travel:
+    joint = isinstance(value, dict) and value.get("joint") is not None
+    block = schema.Block(value, where, _MEASURE, *(("joint",) if joint else ("link", "at")))
+    if joint:
+        return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
+    return Deflection(**block.read(urdf))
+
+
+def _drive(value: object, where: str, urdf: Source) -> Voltage | Effort:
+    block = schema.Block(value, where, _DRIVE)
+    if len(block) != 1:
+        raise block.error("", "name one drive: {patch: NAME} or {joint: NAME}.")
+    if "patch" in block:
+        return Voltage(schema.text(block["patch"], block.at("patch")))
+    return Effort(schema.known(block["joint"], block.at("joint"), urdf.joints, "joint"))
+
+
+def _target(value: object, where: str) -> float | None:
+    """What the measure should be; None: what the motion says."""
+    return None if value == _MOTION else schema.number(value, where, of="gain")
+
+
 @dataclass(frozen=True)
 class _Entry:
     """One measure, one drive and what is between them.
 
     Attributes:
-        gains: kp, ki, kd, which act on measure - target.
-        target: Of the measure [rad | m]; 0 where the motion gives it.
-        follow: Whether the motion gives the target.
-        forward: Whether the torque of the rigid mechanism is added.
+        kp, ki, kd: Gains, which act on measure - target.
+        target: Of the measure [rad | m]; None: the motion gives it.
         limit: Largest output [N m | N | V]; 0: the usual one of the drive.
+        forward: rigid, where the torque of the rigid mechanism is added, or none.
     """
 
-    measure: Deflection | Travel
-    drive: Voltage | Effort
-    gains: tuple[float, ...]
-    target: float
-    follow: bool
-    forward: bool
-    limit: float
+    measure: Deflection | Travel = schema.key(
+        schema.REQUIRED, _measure, given=True, form=schema.block_form(_MEASURE)
+    )
+    drive: Voltage | Effort = schema.key(
+        schema.REQUIRED, _drive, given=True, form={"type": "object"}
+    )
+    kp: float = schema.real(0.0, "gain")
+    ki: float = schema.real(0.0, "gain")
+    kd: float = schema.real(0.0, "gain")
+    target: float | None = schema.key(
+        0.0, _target, form={"anyOf": [schema.measure("gain"), {"const": _MOTION}]}
+    )
+    limit: float = schema.real(0.0, above=0.0)
+    forward: str = schema.word("", _FORWARD)
+
+    @property
+    def gains(self) -> tuple[float, float, float]:
+        """kp, ki, kd."""
+        return self.kp, self.ki, self.kd
+
+
+ENTRY = schema.keys(_Entry)
+
+
+def form() -> schema.Form:
+    """Entries of the user's names, and the times of a digital controller."""
+    entry = schema.block_form(ENTRY)
+    times = {"anyOf": [schema.measure("time"), entry, {"type": "null"}]}
+    return schema.named_form(entry) | {"properties": dict.fromkeys(DIGITAL, times)}
 
 
 def _control(
@@ -403,7 +447,7 @@ def _control(
     """The law of all entries, continuous without a period [s]."""
     entries = tuple(read.values())
     kp, ki, kd = np.array([one.gains for one in entries]).T
-    target = [one.target for one in entries]
+    target = [one.target or 0.0 for one in entries]
     drives = tuple(one.drive for one in entries)
     common: dict[str, Any] = {
         "measures": tuple(one.measure for one in entries), "drives": drives, "names": tuple(read)
@@ -417,8 +461,8 @@ def _control(
         period=period,
         delay=delay,
         limit=tuple(one.limit or most for one, most in zip(entries, usual, strict=True)),
-        follow=tuple(one.follow for one in entries),
-        rigid_torque=tuple(one.forward for one in entries),
+        follow=tuple(one.target is None for one in entries),
+        rigid_torque=tuple(one.forward == _FORWARD[0] for one in entries),
         **common,
     )
 
@@ -446,37 +490,28 @@ def _times(given: Mapping[str, Any], where: str) -> tuple[float | None, float]:
 
 
 def _entry(
-    block: Mapping[str, Any], where: str, urdf: Source, motors: Sequence[str], period: float | None
+    block: schema.Block, urdf: Source, motors: Sequence[str], period: float | None
 ) -> _Entry:
-    places = {key: schema.at(where, key) for key in KEYS}
-    follow = block.get("target") == _MOTION
     if period is None:
-        _refuse_sampled(block, where)
-    measure = _measure(block["measure"], places["measure"], urdf)
-    drive = _drive(block["drive"], places["drive"], urdf)
-    gains = tuple(schema.number(block.get(k, 0.0), places[k], of="gain") for k in GAINS)
-    target = 0.0 if follow else block.get("target", 0.0)
-    target = schema.number(target, places["target"], of="gain")
-    limit = schema.number(block["limit"], places["limit"], above=0.0) if "limit" in block else 0.0
-    usual = FORWARD[0] if follow and _is_motor(drive, motors) else FORWARD[1]
-    forward = FORWARD[0] == schema.choice(block.get("forward", usual), places["forward"], FORWARD)
+        sampled = [key for key in ("limit", "forward") if key in block]
+        sampled += ["target: motion"] if block.get("target") == _MOTION else []
+        if sampled:
+            raise block.error(
+                "",
+                f"{sampled[0]}: only a digital controller has it. Write control.period in s.",
+            )
+    found = _Entry(**block.read(urdf))
+    follow = found.target is None
+    if not found.forward:
+        usual = _FORWARD[0] if follow and _is_motor(found.drive, motors) else _FORWARD[1]
+        found = replace(found, forward=usual)
     if follow:
-        _require_motor(measure, f"{where}.measure", motors)
-    if forward:
-        _require_motor(drive, f"{where}.drive", motors)
-    if not any(gains) and not forward:
-        raise DescriptionError(f"{where}: it does nothing. Give kp, ki or kd.")
-    return _Entry(measure, drive, gains, target, follow, forward, limit)
-
-
-def _refuse_sampled(block: Mapping[str, Any], where: str) -> None:
-    """Keys that only a digital controller has."""
-    sampled = [key for key in SAMPLED if key in block]
-    sampled += ["target: motion"] if block.get("target") == _MOTION else []
-    if sampled:
-        raise DescriptionError(
-            f"{where}: {sampled[0]}: only a digital controller has it. Write control.period in s."
-        )
+        _require_motor(found.measure, block.at("measure"), motors)
+    if found.forward == _FORWARD[0]:
+        _require_motor(found.drive, block.at("drive"), motors)
+    elif not any(found.gains):
+        raise block.error("", "it does nothing. Give kp, ki or kd.")
+    return found
 
 
 def _is_motor(one: Deflection | Travel | Voltage | Effort, motors: Sequence[str]) -> bool:
@@ -491,25 +526,3 @@ def _require_motor(
             f"{where}: no motor, and the motion tells what motors do. Motors: "
             f"{', '.join(motors) or 'none'}."
         )
-
-
-def _measure(value: object, where: str, urdf: Source) -> Deflection | Travel:
-    block = schema.mapping(value, where, ("link", "at", "direction", "joint"))
-    if "joint" in block:
-        return Travel(schema.known(block["joint"], where, urdf.joints, "joint"))
-    schema.mapping(value, where, None, ("link", "at"))
-    link = schema.known(block["link"], schema.at(where, "link"), urdf.links, "link")
-    x = schema.number(block["at"], schema.at(where, "at"), low=0, of="place")
-    direction = schema.choice(
-        block.get("direction", "y"), schema.at(where, "direction"), ("y", "z")
-    )
-    return Deflection(link, x, direction)
-
-
-def _drive(value: object, where: str, urdf: Source) -> Voltage | Effort:
-    block = schema.mapping(value, where, ("patch", "joint"))
-    if len(block) != 1:
-        raise DescriptionError(f"{where}: name one drive: {{patch: NAME}} or {{joint: NAME}}.")
-    if "patch" in block:
-        return Voltage(schema.text(block["patch"], schema.at(where, "patch")))
-    return Effort(schema.known(block["joint"], schema.at(where, "joint"), urdf.joints, "joint"))

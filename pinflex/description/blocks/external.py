@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,9 +67,9 @@ def by_joint(block: Mapping[str, Any], urdf: Source) -> dict[str, str]:
             if name in urdf.joints}  # fmt: skip
 
 
-FORCE_KEYS = ("at", "force", "moment", "follower", "start", "until", "ramp")
-ADDED_KEYS = ("at", "mass", "inertia")
-SPRING_KEYS = {"stiffness": "stiffness", "damper": "damping", "length": "length"}  # key, quantity
+def _at() -> Any:
+    """The key `at`: the frame at which something acts."""
+    return schema.key(schema.REQUIRED, frame, key="at", given=True, form=schema.TEXT)
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,13 @@ class FrameForce:
     """
 
     name: str
-    frame: str
-    force: Vec3 = (0.0, 0.0, 0.0)
-    moment: Vec3 = (0.0, 0.0, 0.0)
-    follower: bool = False
-    start: float = 0.0
-    until: float | None = None
-    ramp: float = 0.0
+    frame: str = _at()
+    force: Vec3 = schema.triple((0.0, 0.0, 0.0), "force")
+    moment: Vec3 = schema.triple((0.0, 0.0, 0.0), "moment")
+    follower: bool = schema.flag(False)
+    start: float = schema.real(0.0, "time", low=0)
+    until: float | None = schema.real(None, "time", low=0)
+    ramp: float = schema.real(0.0, "time", low=0)
 
     @property
     def timed(self) -> bool:
@@ -132,12 +133,12 @@ class FrameSpring:
     name: str
     frame_a: str
     frame_b: str
-    stiffness: float
-    damper: float = 0.0
-    length: float = 0.0
-    at: Vec3 | None = None
-    tension_only: bool = False
-    table: tuple[tuple[float, float], ...] = ()
+    stiffness: float = schema.real(0.0, "stiffness", low=0)
+    damper: float = schema.real(0.0, "damping", low=0)
+    length: float = schema.real(0.0, "length", low=0)
+    at: Vec3 | None = schema.key(None, partial(schema.vector, of="place"), form=schema.place_form)
+    tension_only: bool = schema.flag(False)
+    table: schema.Points = schema.points_key("place", "force")
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -157,96 +158,62 @@ class AddedMass:
     """
 
     name: str
-    frame: str
-    mass: Vec3 = (0.0, 0.0, 0.0)
-    inertia: Vec3 = (0.0, 0.0, 0.0)
+    frame: str = _at()
+    mass: Vec3 = schema.triple((0.0, 0.0, 0.0), "mass", 0.0)
+    inertia: Vec3 = schema.triple((0.0, 0.0, 0.0), "inertia", 0.0)
+
+
+ADDED_MASSES, FORCES = schema.keys(AddedMass), schema.keys(FrameForce)
+SPRINGS = schema.keys(FrameSpring, "between", between=schema.bare(schema.PAIR, required=True))
 
 
 def read_added_masses(value: object, where: str, urdf: Source) -> tuple[AddedMass, ...]:
     """The block `added_masses`, in file order."""
     found = []
-    for name, item in schema.mapping(value, where).items():
-        here = schema.at(where, name)
-        block = schema.mapping(item, here, ADDED_KEYS, ("at",))
-        at, fields = _at_frame(block, here, urdf, {"mass", "inertia"}, 0.0)
-        if not any(any(vector) for vector in fields.values()):
-            raise DescriptionError(f"{here}: no mass. Give mass: [x, y, z] or inertia: [x, y, z].")
-        found.append(AddedMass(name, at, **fields))
+    for name, block in schema.entries(value, where, ADDED_MASSES):
+        values = block.read(urdf)
+        if not any(any(values.get(key, ())) for key in ("mass", "inertia")):
+            raise block.error("", "no mass. Give mass: [x, y, z] or inertia: [x, y, z].")
+        found.append(AddedMass(name, **values))
     return tuple(found)
 
 
 def read_forces(value: object, where: str, urdf: Source) -> tuple[FrameForce, ...]:
     """The block `forces`, in file order."""
     found = []
-    for name, item in schema.mapping(value, where).items():
-        here = schema.at(where, name)
-        block = schema.mapping(item, here, FORCE_KEYS, ("at",))
-        at, fields = _at_frame(block, here, urdf, {"force", "moment"})
-        if not fields:
-            raise DescriptionError(f"{here}: no load. Give force: [x, y, z] or moment: [x, y, z].")
-        if "follower" in block:
-            fields["follower"] = schema.boolean(block["follower"], schema.at(here, "follower"))
-        for key in block.keys() & {"start", "until", "ramp"}:
-            fields[key] = schema.number(block[key], schema.at(here, key), low=0, of="time")
-        found.append(FrameForce(name, at, **fields))
+    for name, block in schema.entries(value, where, FORCES):
+        values = block.read(urdf)
+        if not values.keys() & {"force", "moment"}:
+            raise block.error("", "no load. Give force: [x, y, z] or moment: [x, y, z].")
+        found.append(FrameForce(name, **values))
     return tuple(found)
-
-
-def _at_frame(
-    block: dict[str, Any], here: str, urdf: Source, vectors: set[str], low: float = -math.inf
-) -> tuple[str, dict[str, Any]]:
-    """The frame of the key `at`, and those vectors that the block has."""
-    at = frame(block["at"], schema.at(here, "at"), urdf)
-    given = block.keys() & vectors
-    return at, {k: schema.vector(block[k], schema.at(here, k), low=low, of=k) for k in given}
 
 
 def read_springs(value: object, where: str, urdf: Source) -> tuple[FrameSpring, ...]:
     """The block `springs`, in file order."""
     found = []
     for name, item in schema.mapping(value, where).items():
-        here = schema.at(where, name)
-        keys = ("between", *SPRING_KEYS, "at", "tension_only", "table")
         need = ("between",) if isinstance(item, dict) and "table" in item else ()
-        block = schema.mapping(item, here, keys, need or ("between", "stiffness"))
-        pair = schema.items(block["between"], schema.at(here, "between"), 2)
+        block = schema.Block(
+            item, schema.at(where, name), SPRINGS, *(need or ("between", "stiffness"))
+        )
+        pair = schema.items(block["between"], block.at("between"), 2)
         grounded = WORLD not in urdf.links and WORLD in pair
         if grounded != ("at" in block):
-            raise DescriptionError(
-                f"{here}.at: the point of the ground [m] of a spring between a frame and {WORLD}. "
-                f"{'Give it.' if grounded else f'Neither end is {WORLD}: remove it.'}"
+            what = "Give it." if grounded else f"Neither end is {WORLD}: remove it."
+            raise block.error(
+                "at", f"the point of the ground [m] of a spring between a frame and {WORLD}. {what}"
             )
-        a, b = ends(pair, schema.at(here, "between"), urdf, grounded)
-        values: dict[str, Any] = {
-            key: schema.number(block[key], schema.at(here, key), low=0, of=quantity)
-            for key, quantity in SPRING_KEYS.items()
-            if key in block
-        }
-        values.setdefault("stiffness", 0.0)
-        at = schema.vector(block["at"], schema.at(here, "at"), of="place") if grounded else None
-        found.append(FrameSpring(name, a, b, **values, at=at, **_one_sided(block, here)))
+        a, b = ends(pair, block.at("between"), urdf, grounded)
+        found.append(FrameSpring(name, a, b, **block.read()))
+        if "table" in block:
+            text = "beside `table`, which says all of the force. Remove one."
+            block.only(("stiffness", "tension_only"), text)
     return tuple(found)
-
-
-def _one_sided(block: dict[str, Any], here: str) -> dict[str, Any]:
-    """What of a spring is not straight."""
-    found: dict[str, Any] = {}
-    if "tension_only" in block:
-        taut = schema.boolean(block["tension_only"], schema.at(here, "tension_only"))
-        found["tension_only"] = taut
-    if "table" in block:
-        found["table"] = schema.points(block["table"], schema.at(here, "table"), "place", "force")
-        for key in block.keys() & {"stiffness", "tension_only"}:
-            raise DescriptionError(
-                f"{schema.at(here, key)}: beside `table`, which says all of the force. Remove one."
-            )
-    return found
 
 
 # The block `payload`: what the robot carries at a frame, with its weight and inertia.
 
-KEYS = {"at": "", "mass": "mass", "centre": "place", "inertia": "inertia"}  # key, quantity
-_TIMED = ("from", "until")
 _NEGATIVE = 1e-9  # of the largest principal moment: round-off of one that is zero
 
 
@@ -263,10 +230,10 @@ class Payload:
     """
 
     name: str
-    frame: str
-    mass: float
-    centre: Vec3 = (0.0, 0.0, 0.0)
-    inertia: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    frame: str = _at()
+    mass: float = schema.real(schema.REQUIRED, "mass", low=0)
+    centre: Vec3 = schema.triple((0.0, 0.0, 0.0), "place")
+    inertia: tuple[float, ...] = schema.key((0.0,) * 6, lambda x, at: _inertia(x, at), form={})
 
     def __str__(self) -> str:
         x, y, z = self.centre
@@ -299,26 +266,20 @@ def read_payload(value: object, where: str, urdf: Source) -> Payload | None:
     Raises:
         DescriptionError: A payload that comes or goes on the way: masses are constant in a run.
     """
-    block = dict(schema.mapping(value, where))
-    for key in _TIMED:
-        if key in block:
-            raise DescriptionError(
-                f"{schema.at(where, key)}: a payload stays for the whole run, for the masses of a "
-                "model are constant. Run the scene twice, with and without `payload`, from rest to "
-                "rest; what is grasped at speed is not modelled."
-            )
-    schema.mapping(block, where, tuple(KEYS), ("at", "mass"))
-    centre = schema.vector(block.get("centre", (0, 0, 0)), schema.at(where, "centre"), of="place")
-    found = Payload(
-        _free_name({*urdf.links, *urdf.joints}),
-        frame(block["at"], schema.at(where, "at"), urdf),
-        schema.number(block["mass"], schema.at(where, "mass"), low=0, of="mass"),
-        centre,
-        _inertia(block.get("inertia", (0, 0, 0)), schema.at(where, "inertia")),
+    schema.Block(value, where).only(
+        ("from", "until"),
+        "a payload stays for the whole run, for the masses of a model are constant. Run the scene "
+        "twice, with and without `payload`, from rest to rest; what is grasped at speed is not "
+        "modelled.",
     )
+    block = schema.Block(value, where, PAYLOAD)
+    found = Payload(_free_name({*urdf.links, *urdf.joints}), **block.read(urdf))
     if not found.mass and any(found.centre):
-        raise DescriptionError(f"{schema.at(where, 'centre')}: no mass has a centre. Give a mass.")
+        raise block.error("centre", "no mass has a centre. Give a mass.")
     return found if found.weighs else None
+
+
+PAYLOAD = schema.keys(Payload)
 
 
 def _inertia(value: object, where: str) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
@@ -84,8 +84,8 @@ def _links(key: str, where: str, urdf: Source) -> list[str]:
 class EndMass:
     """A rigid mass at an end of a flexible link: mass [kg], moments of inertia [kg m^2]."""
 
-    mass: float = 0.0
-    inertia: Vec3 = (0.0, 0.0, 0.0)
+    mass: float = schema.real(0.0, "mass", low=0)
+    inertia: Vec3 = schema.triple((0.0, 0.0, 0.0), "inertia", 0.0)
 
 
 @dataclass(frozen=True)
@@ -97,30 +97,9 @@ class AsBuilt:
         length: Its span [m].
     """
 
-    material: Material | None = None
-    section: Section | None = None
-    length: float | None = None
-
-
-def read_end_mass(spec: object, where: str) -> EndMass:
-    """A mass from {mass, inertia}."""
-    block = schema.mapping(spec, where, ("mass", "inertia"))
-    turning, moving = block.get("inertia", (0, 0, 0)), block.get("mass", 0)
-    inertia = schema.vector(turning, schema.at(where, "inertia"), low=0, of="inertia")
-    return EndMass(schema.number(moving, schema.at(where, "mass"), low=0, of="mass"), inertia)
-
-
-def read_as_built(spec: object, where: str) -> AsBuilt:
-    """The beam of the URDF's link from {material, section, length}."""
-    block = schema.mapping(spec, where, ("material", "section", "length"))
-    place = {key: schema.at(where, key) for key in block}
-    return AsBuilt(
-        material.from_spec(block["material"], place["material"]) if "material" in block else None,
-        section.from_spec(block["section"], place["section"]) if "section" in block else None,
-        schema.number(block["length"], place["length"], above=0, of="length")
-        if "length" in block
-        else None,
-    )
+    material: Material | None = schema.key(None, material.from_spec, form=lambda: material.FORM)
+    section: Section | None = schema.key(None, section.from_spec, form=section.form)
+    length: float | None = schema.real(None, "length", above=0)
 
 
 # Piezoelectric patches on a flexible link: a voltage that bends it. The block `patches`.
@@ -140,9 +119,9 @@ class Patch:
     """
 
     name: str
-    start: float
-    end: float
-    constant: float
+    start: float = schema.real(schema.REQUIRED, "place", key="from")
+    end: float = schema.real(schema.REQUIRED, "place", key="to")
+    constant: float = schema.real(schema.REQUIRED, "moment", required=False)
 
     def require_on_beam(self, where: str, length: float) -> None:
         """Raise where the patch does not lie on a beam of a length [m]."""
@@ -165,38 +144,29 @@ def piezo_constant(
     return -d31 * E * E_patch * h**2 * b * width / stretch
 
 
-_SIZES = ("d31", "E", "width", "thickness")
-PATCH_KEYS = ("from", "to", "constant", *_SIZES)
+_SIZES = {
+    "d31": schema.real(None, low=-1, high=1), "E": schema.real(None, "elasticity", above=0),
+    "width": schema.real(None, "length", above=0),
+    "thickness": schema.real(None, "length", above=0),
+}  # fmt: skip
+PATCH = schema.keys(Patch, **_SIZES)
 
 
 def read_patches(value: object, where: str, E: float, section: Section) -> tuple[Patch, ...]:
     """The block `patches` of a link, in file order."""
     found = []
-    for name, item in schema.mapping(value, where).items():
-        here = schema.at(where, name)
-        block = schema.mapping(item, here, PATCH_KEYS, ("from", "to"))
-        start, end = (
-            schema.number(block[k], schema.at(here, k), of="place") for k in ("from", "to")
-        )
-        if "constant" in block:
-            for key in block.keys() & set(_SIZES):
-                raise DescriptionError(
-                    f"{schema.at(here, key)}: redundant with `constant`. Give one."
-                )
-            constant = schema.number(block["constant"], schema.at(here, "constant"), of="moment")
+    for name, block in schema.entries(value, where, PATCH):
+        values = block.read()
+        sizes = {key: values.pop(key) for key in _SIZES if key in values}
+        if "constant" in values:
+            block.only(_SIZES, "redundant with `constant`. Give one.")
         else:
-            schema.mapping(item, here, None, _SIZES)
-            d31 = schema.number(block["d31"], schema.at(here, "d31"), low=-1, high=1)
-            E_patch, width, thickness = (
-                schema.number(
-                    block[k], schema.at(here, k), above=0, of="elasticity" if k == "E" else "length"
-                )
-                for k in _SIZES[1:]
-            )
+            schema.mapping(block, block.where, None, _SIZES)
             y, z = zip(*section.outline, strict=True)
             h, b = max(y) - min(y), max(z) - min(z)
-            constant = piezo_constant(d31, E_patch, width, thickness, E, b, h)
-        found.append(Patch(name, start, end, constant))
+            d31, E_patch, width, thickness = sizes.values()
+            values["constant"] = piezo_constant(d31, E_patch, width, thickness, E, b, h)
+        found.append(Patch(name, **values))
     return tuple(found)
 
 
@@ -222,6 +192,14 @@ BOUNDARIES = (
     "clamped_clamped",
     "free_free",
 )
+
+
+def _modes(value: object, where: str, kind: str) -> int:
+    return schema.integer(value, where, 1, 1000 if kind in material.KINDS else 200)
+
+
+def _file() -> Any:
+    return schema.key(None, schema.text, form=schema.TEXT)
 
 
 @dataclass(frozen=True)
@@ -254,21 +232,47 @@ class Basis:
 
     __repr__ = brief
 
-    kind: str = "craig_bampton"
+    kind: str = schema.bare(lambda: {"enum": [*BASES]}, "craig_bampton")
     internal: int = schema.whole(2, 0, 200)
     elements: int = schema.whole(4, 1, 10_000)
     order: str = schema.word("cubic", ORDERS)
     boundary: str = schema.word("clamped_free", BOUNDARIES)
-    modes: int = schema.whole(3, 1, 200)
+    modes: int = schema.key(3, _modes, given=True, form={"type": "integer", "minimum": 1})
     stretch: str = schema.word("sines", STRETCHES)
-    file: str | None = None
-    scale: float = 1.0
-    rod: tuple[tuple[float, float], ...] = ()
-    size: float | None = None
-    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = ()
-    mass: str | None = None
-    stiffness: str | None = None
-    nodes: str | None = None
+    file: str | None = _file()
+    scale: float = schema.real(1.0, "ratio", above=0)
+    rod: schema.Points = schema.key((), material.rod, form={})
+    size: float | None = schema.real(None, "length", above=0)
+    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = schema.key(
+        (), material.regions, form={}
+    )
+    mass: str | None = _file()
+    stiffness: str | None = _file()
+    nodes: str | None = _file()
+
+
+_BASIS = schema.keys(Basis, "kind", *(key for keys in BASES.values() for key in keys))
+
+
+def basis_from_spec(spec: object, where: str) -> Basis:
+    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
+    block = schema.Block(spec, where, _BASIS)
+    kind = schema.choice(block.get("kind", Basis.kind), block.at("kind"), BASES)
+    for key in block:
+        if key != "kind" and key not in BASES[kind]:
+            owner = next(name for name, keys in BASES.items() if key in keys)
+            raise block.error(
+                key,
+                f"has no meaning for the kind {kind}, which takes {', '.join(BASES[kind])}. Remove "
+                f"it, or write kind: {owner}.",
+            )
+    if kind == "finite_element" and "boundary" in block:
+        schema.choice(block["boundary"], block.at("boundary"), ("clamped_free", "free_free"))
+    values = block.read(kind)
+    if kind in material.KINDS:
+        material.check(kind, block)
+        values.setdefault("modes", 6)
+    return Basis(kind, **values)
 
 
 def _switch(value: object, where: str) -> Switch:
@@ -278,6 +282,10 @@ def _switch(value: object, where: str) -> Switch:
     if not isinstance(value, bool):
         schema.choice(value, where, ("auto", "true", "false"))
     return schema.boolean(value, where)
+
+
+def _switch_key() -> Any:
+    return schema.key("auto", _switch, form={"enum": ["auto", True, False]})
 
 
 @dataclass(frozen=True)
@@ -319,136 +327,111 @@ class FlexibleLink:
     __repr__ = brief
 
     link: str
-    material: Material
-    section: Section
-    basis: Basis = Basis()
+    material: Material = schema.bare(lambda: material.FORM, schema.REQUIRED, required=True)
+    section: Section = schema.bare(section.form, schema.REQUIRED, required=False)
+    basis: Basis = schema.key(Basis(), basis_from_spec, form=lambda: schema.block_form(_BASIS))
     inertia: Literal["urdf", "beam"] = schema.word("urdf", INERTIAS)
-    as_built: AsBuilt | None = schema.key(None, read_as_built)
-    start: str | None = None
-    end: str | None = None
+    as_built: AsBuilt | None = schema.part(None, AsBuilt)
+    start: str | None = schema.key(None, frame, given=True, form=schema.TEXT)
+    end: str | None = schema.key(None, frame, given=True, form=schema.TEXT)
     length: float | None = schema.real(None, "length", above=0)
-    up: Vec3 | None = schema.key(None, schema.direction)
-    bending_y: Switch = schema.key("auto", _switch)
-    bending_z: Switch = schema.key("auto", _switch)
-    torsion: Switch = schema.key("auto", _switch)
-    axial: Switch = schema.key("auto", _switch)
-    rotary_inertia: Switch = schema.key("auto", _switch)
+    up: Vec3 | None = schema.direction_key(None)
+    bending_y: Switch = _switch_key()
+    bending_z: Switch = _switch_key()
+    torsion: Switch = _switch_key()
+    axial: Switch = _switch_key()
+    rotary_inertia: Switch = _switch_key()
     second_order: bool = schema.flag(True)
     third_order: bool = schema.flag(False)
-    shear: Switch = schema.key("auto", _switch)
+    shear: Switch = _switch_key()
     free_shear: bool = True
     segments: int = schema.whole(1, 1)
     temperature: float = schema.real(0.0, low=-5e3, high=5e3)
-    root: EndMass | None = schema.key(None, read_end_mass)
-    tip: EndMass | None = schema.key(None, read_end_mass)
+    root: EndMass | None = schema.part(None, EndMass)
+    tip: EndMass | None = schema.part(None, EndMass)
     rayleigh: tuple[float, float] = (0.0, 0.0)
     modal_damping: float = 0.0
-    patches: tuple[Patch, ...] = ()
+    patches: tuple[Patch, ...] = schema.bare(schema.named_form(schema.block_form(PATCH)), ())
 
 
 SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
-KEYS = (
-    *("material", "section", "basis", "inertia", "as_built", "start", "end", "length", "up"),
-    *SWITCHES,
-    *("rotary_inertia", "second_order", "shear", "segments", "temperature", "root", "tip"),
-    *("damping", "patches", "third_order", "polyline", "arc"),  # curved: the last two
+DAMPING = {"rayleigh": schema.bare(schema.LIST), "modal": schema.bare(schema.measure(None))}
+KEYS = schema.keys(
+    FlexibleLink, "material", "section", "basis", "inertia", "as_built", "start", "end", "length",
+    "up", *SWITCHES, "rotary_inertia", "second_order", "shear", "segments", "temperature", "root",
+    "tip", "damping", "patches", "third_order",
+    damping=schema.bare(schema.block_form(DAMPING)),
+    polyline=schema.bare(schema.LIST), arc=schema.bare({"type": "object"}),  # curved
 )  # fmt: skip
 
 
-def read(
-    block: Mapping[str, Any], place: Mapping[str, str], urdf: Source
-) -> tuple[tuple[float, float], tuple[FlexibleLink, ...]]:
+def read(block: schema.Block, urdf: Source) -> tuple[tuple[float, float], tuple[FlexibleLink, ...]]:
     """Damping of the whole system, and the flexible links, of a description."""
     system, damping = (0.0, 0.0), ((0.0, 0.0), 0.0)
     if "damping" in block:
-        spec, scope = damping_scope(block["damping"], place["damping"])
-        damping = damping_from_spec(spec, place["damping"])
+        spec, scope = damping_scope(block["damping"], block.at("damping"))
+        damping = damping_from_spec(spec, block.at("damping"))
         if scope == "system":
             system, damping = damping[0], ((0.0, 0.0), 0.0)
-    links = expand(block.get("flexible", {}), place["flexible"], urdf)
-    return system, tuple(
-        from_spec(spec, link, schema.at(place["flexible"], link), urdf, damping)
-        for link, spec in links.items()
-    )
+    place, raw = block.at("flexible"), block.get("flexible", {})
+    blocks, links = schema.mapping(raw, place), list[FlexibleLink]()
+    for key, names in groups(blocks, place, urdf).items():
+        first, *others = names
+        one = from_spec(blocks[key], first, schema.at(place, first), urdf, damping)
+        links += [one, *(replace(one, link=name) for name in others)]
+    return system, tuple(links)
 
 
 def from_spec(
     spec: object, link: str, where: str, urdf: Source, damping: tuple[tuple[float, float], float]
 ) -> FlexibleLink:
     """A flexible link from its YAML block."""
-    block = schema.mapping(spec, where, KEYS)
-    solid = material.is_solid(block.get("basis"))
-    schema.mapping(spec, where, KEYS, ("material",) if solid else ("material", "section"))
-    place = {key: schema.at(where, key) for key in KEYS}
+    solid = isinstance(spec, dict) and material.is_solid(spec.get("basis"))
+    block = schema.Block(spec, where, KEYS, "material", *(() if solid else ("section",)))
     values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
-    if "basis" in block:
-        values["basis"] = basis_from_spec(block["basis"], place["basis"])
-    for key in block.keys() & {"start", "end"}:
-        values[key] = frame(block[key], place[key], urdf)
-    values |= schema.read(FlexibleLink, block, place)
+    values |= block.read(urdf)
     if all(values.get(key) is False for key in SWITCHES):
-        raise DescriptionError(
-            f"{where}: {', '.join(SWITCHES)} are all false, so nothing deforms. Leave one of them "
-            "on, or remove the link from `flexible`."
+        raise block.error(
+            "",
+            f"{', '.join(SWITCHES)} are all false, so nothing deforms. Leave one of them on, or "
+            "remove the link from `flexible`.",
         )
     if "damping" in block:
-        rayleigh, modal = damping_from_spec(block["damping"], place["damping"])
+        rayleigh, modal = damping_from_spec(block["damping"], block.at("damping"))
         values |= {"rayleigh": rayleigh, "modal_damping": modal}
     if solid:
-        material.refuse_beam_keys(block, place)
+        material.refuse_beam_keys(block)
     elif "basis" in values and values["basis"].kind == "ritz8":
         values.setdefault("axial", True)
-    made = material.from_spec(block["material"], place["material"])
+    made = material.from_spec(block["material"], block.at("material"))
     # A solid has no section of its own; one of its volume takes the place when it is read.
     shape = block.get("section", {"shape": "circle", "diameter": 1.0})
-    cut = section.from_spec(shape, place["section"])
+    cut = section.from_spec(shape, block.at("section"))
     if "patches" in block:
-        values["patches"] = read_patches(block["patches"], place["patches"], made.E, cut)
+        values["patches"] = read_patches(block["patches"], block.at("patches"), made.E, cut)
     if "temperature" in block:
-        _require_stretch(solid, values.get("axial"), made, place)
+        _require_stretch(solid, values.get("axial"), made, block)
         values["axial"] = True
     return FlexibleLink(link, made, cut, **values)
 
 
 def _require_stretch(
-    solid: bool, axial: Switch | None, made: Material, place: Mapping[str, str]
+    solid: bool, axial: Switch | None, made: Material, block: schema.Block
 ) -> None:
     """A link with a temperature is a beam of known expansion that may stretch."""
-    where = place["temperature"]
     if solid:
-        raise DescriptionError(f"{where}: only beams take one. Remove it, or make it a beam.")
+        raise block.error("temperature", "only beams take one. Remove it, or make it a beam.")
     if axial is False:
-        raise DescriptionError(
-            f"{where}: a warm link stretches, and axial: false forbids it. Remove one of them."
+        raise block.error(
+            "temperature",
+            "a warm link stretches, and axial: false forbids it. Remove one of them.",
         )
     if made.thermal_expansion is None:
-        raise DescriptionError(
-            f"{where}: the expansion of {made.name} is not known. Give "
-            f"{place['material']}.thermal_expansion [1/K]."
+        raise block.error(
+            "temperature",
+            f"the expansion of {made.name} is not known. Give "
+            f"{block.at('material')}.thermal_expansion [1/K].",
         )
-
-
-def basis_from_spec(spec: object, where: str) -> Basis:
-    """A basis from {kind, ...}; a key of another kind is an error, as it would have no effect."""
-    every = tuple(key for keys in BASES.values() for key in keys)
-    block = schema.mapping(spec, where, ("kind", *every))
-    kind = schema.choice(block.get("kind", Basis.kind), schema.at(where, "kind"), BASES)
-    place = {key: schema.at(where, key) for key in block}
-    for key in block:
-        if key != "kind" and key not in BASES[kind]:
-            owner = next(name for name, keys in BASES.items() if key in keys)
-            raise DescriptionError(
-                f"{place[key]}: has no meaning for the kind {kind}, which takes "
-                f"{', '.join(BASES[kind])}. Remove it, or write kind: {owner}."
-            )
-    if kind in material.KINDS:
-        values = {key: material.read(key, block[key], place[key]) for key in BASES[kind]
-                  if key in block}  # fmt: skip
-        material.check(kind, block, where)
-        return Basis(kind, **{"modes": 6} | values)
-    if kind == "finite_element" and "boundary" in block:
-        schema.choice(block["boundary"], place["boundary"], ("clamped_free", "free_free"))
-    return Basis(kind, **schema.read(Basis, block, place))
 
 
 def damping_scope(spec: object, where: str) -> tuple[object, str]:

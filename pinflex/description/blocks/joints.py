@@ -27,21 +27,6 @@ from pinflex.text import brief
 
 SPEED = 1e-3  # smoothing speed [rad/s | m/s]: a sticking joint creeps at less
 _STRIBECK = 10.0  # Stribeck speed over the smoothing speed, where none is given
-SHARE: dict[str, Any] = {  # as JSON Schema says it
-    "anyOf": [
-        {"enum": ["least"]},
-        {
-            "type": "object",
-            "properties": {"tension": {"type": "number", "minimum": 0}},
-            "required": ["tension"],
-            "additionalProperties": False,
-        },
-    ]
-}
-DRIVE_KEYS = (
-    *("gear", "motor_inertia", "stiffness", "damping"),
-    *("friction", "efficiency", "limit_curve", "backlash"),
-)
 
 
 @dataclass(frozen=True)
@@ -89,12 +74,12 @@ class Drive:
 
     __repr__ = brief
 
-    gear: float = 1.0
+    gear: float = schema.real(1.0, "ratio")
     motor_inertia: float = schema.real(0.0, "inertia", low=0)
     stiffness: float | None = schema.real(None, "stiffness", above=0)
     damping: float = schema.real(0.0, "damping", low=0)
     efficiency: float = schema.real(1.0, above=0, high=1)
-    limit_curve: tuple[tuple[float, float], ...] = ()
+    limit_curve: schema.Points = schema.points_key("speed", "moment", 0, curve=True)
     backlash: float = schema.real(0.0, "angle", low=0)
 
     @property
@@ -111,15 +96,13 @@ class Tension:
         force: By this at least [N].
     """
 
-    force: float
+    force: float = schema.real(schema.REQUIRED, "force", low=0, key="tension")
 
 
 def read_share(value: object, where: str) -> str | Tension:
     """How more motors than freedoms share: `least`, or a least tension."""
     if isinstance(value, dict):
-        key = schema.at(where, "tension")
-        block = schema.mapping(value, where, ("tension",), ("tension",))
-        return Tension(schema.number(block["tension"], key, low=0, of="force"))
+        return Tension(**schema.Block(value, where, _TENSION).read())
     if value != "least":
         raise DescriptionError(
             f"{where}: {schema.shown(value)} is not known. Allowed: least, {{tension: FORCE}} with "
@@ -128,74 +111,59 @@ def read_share(value: object, where: str) -> str | Tension:
     return "least"
 
 
+_TENSION, _FRICTION = schema.keys(Tension), schema.keys(Friction)
+SHARE: schema.Form = {"anyOf": [{"enum": ["least"]}, schema.block_form(_TENSION)]}
+FRICTION: schema.Form = {"anyOf": [schema.measure(None), schema.block_form(_FRICTION)]}
+
+
 def read_friction(value: object, where: str) -> Friction:
     """The block `friction`."""
-    keys = schema.names_of(Friction)
-    block = schema.mapping(value, where, keys)
-    place = {key: schema.at(where, key) for key in keys}
-    found = schema.read(Friction, block, place)
+    block = schema.Block(value, where, _FRICTION)
+    found = block.read()
     coulomb, speed = found.get("coulomb", 0.0), found.get("speed", SPEED)
     if "stribeck" in found and "breakaway" not in found:
-        raise DescriptionError(
-            f"{place['stribeck']}: there is no breakaway to fall from. Add `breakaway`."
-        )
+        raise block.error("stribeck", "there is no breakaway to fall from. Add `breakaway`.")
     breakaway = found.setdefault("breakaway", coulomb)
     if breakaway < coulomb:
-        raise DescriptionError(
-            f"{place['breakaway']}: {breakaway:g} is less than coulomb, {coulomb:g}. A joint at "
-            "rest holds at least what rubs while it slides. Raise it, or remove it."
+        raise block.error(
+            "breakaway",
+            f"{breakaway:g} is less than coulomb, {coulomb:g}. A joint at rest holds at least what "
+            "rubs while it slides. Raise it, or remove it.",
         )
     if found.setdefault("stribeck", _STRIBECK * speed) < speed:
-        raise DescriptionError(
-            f"{place['stribeck']}: {found['stribeck']:g} is less than the smoothing speed, "
-            f"{speed:g}, so that breakaway would never be reached. Lower `speed` to a tenth of it."
+        raise block.error(
+            "stribeck",
+            f"{found['stribeck']:g} is less than the smoothing speed, {speed:g}, so that breakaway "
+            "would never be reached. Lower `speed` to a tenth of it.",
         )
     return Friction(**found)
 
 
+_RUBS = schema.key(None, read_friction, form=FRICTION)
+_DRIVE = schema.keys(
+    Drive, "gear", "motor_inertia", "stiffness", "damping", "friction", friction=_RUBS
+)
+
+
 def read_drive(value: object, where: str, reduction: float | None) -> tuple[Drive, Friction | None]:
     """The block `drive`, and the friction in it."""
-    block = schema.mapping(value, where, DRIVE_KEYS)
-    place = {key: schema.at(where, key) for key in DRIVE_KEYS}
-    found: dict[str, Any] = schema.read(Drive, block, place)
+    block = schema.Block(value, where, _DRIVE)
+    found = ({} if reduction is None else {"gear": reduction}) | block.read()
     if "damping" in found and "stiffness" not in found:
-        raise DescriptionError(
-            f"{place['damping']}: the drive has no stiffness, so nothing moves in it that could be "
-            "damped. Add `stiffness`, or write `friction: {viscous: ...}`."
+        raise block.error(
+            "damping",
+            "the drive has no stiffness, so nothing moves in it that could be damped. Add "
+            "`stiffness`, or write `friction: {viscous: ...}`.",
         )
     if found.get("backlash") and "stiffness" not in found:
-        raise DescriptionError(
-            f"{place['backlash']}: the drive has no stiffness, so nothing takes up the play. Add "
-            "`stiffness`."
+        raise block.error(
+            "backlash",
+            "the drive has no stiffness, so nothing takes up the play. Add `stiffness`.",
         )
-    if reduction is not None:
-        found["gear"] = reduction
-    if "gear" in block:
-        found["gear"] = schema.number(block["gear"], place["gear"], of="ratio")
     if found.get("gear") == 0.0:
-        raise DescriptionError(f"{place['gear']}: 0: the motor would not turn. Write its ratio.")
-    if "limit_curve" in block:
-        found["limit_curve"] = _curve(block["limit_curve"], place["limit_curve"])
-    rubs = read_friction(block["friction"], place["friction"]) if "friction" in block else None
+        raise block.error("gear", "0: the motor would not turn. Write its ratio.")
+    rubs = found.pop("friction", None)
     return Drive(**found), rubs
-
-
-def _curve(value: object, where: str) -> tuple[tuple[float, float], ...]:
-    """Points [speed, torque] of a motor, speeds increasing from 0 or more."""
-    points: list[tuple[float, float]] = []
-    for k, item in enumerate(schema.items(value, where)):
-        at = f"{where}[{k}]"
-        pair = schema.items(item, at, 2)
-        speed = schema.number(pair[0], f"{at}[0]", low=0, of="speed")
-        points.append((speed, schema.number(pair[1], f"{at}[1]", low=0, of="moment")))
-        if k and speed <= points[-2][0]:
-            raise DescriptionError(
-                f"{at}: the speed {speed:g} does not follow {points[-2][0]:g}. Write the points "
-                "[motor speed rad/s, motor torque N m] by increasing speed."
-            )
-    if len(points) < 2:
-        raise DescriptionError(f"{where}: one point is no curve. Write two or more.")
-    return tuple(points)
 
 
 def urdf_friction(coulomb: float) -> Friction:
@@ -210,14 +178,11 @@ def elastic(joints: Mapping[str, Any]) -> dict[str, Drive]:
 
 
 TYPES = ("fixed", "spherical", "universal")  # in place of the URDF's
-KEYS = (
-    *("type", "axes", "rotor_inertia", "spring", "parallel_spring", "rest", "damper"),
-    *("drive", "friction", "follows", "ratio", "offset", "stops", "table"),
-)
-_SINGLE = (
-    *("spring", "parallel_spring", "rest", "drive", "friction", "stops", "table"),
-)  # for joints of one freedom
-_WAY = ("lower", "upper")
+_SINGLE = ("spring", "parallel_spring", "rest", "drive", "friction", "stops", "table")
+
+
+def _way(value: object, where: str, of: str) -> float:
+    return schema.number(value, where, of=of)
 
 
 @dataclass(frozen=True)
@@ -232,11 +197,21 @@ class Stops:
 
     __repr__ = brief
 
-    lower: float | None = schema.real(None, "angle")
-    upper: float | None = schema.real(None, "angle")
+    lower: float | None = schema.key(None, _way, given=True, form=schema.measure("angle"))
+    upper: float | None = schema.key(None, _way, given=True, form=schema.measure("angle"))
     stiffness: float | None = schema.real(None, "stiffness", above=0)
     damping: float = schema.real(0.0, "damping", low=0)
     restitution: float | None = schema.real(None, above=0, high=1)
+
+
+_STOPS = schema.keys(Stops)
+
+
+def _followed(value: object, where: str, urdf: Source) -> str:
+    """Joint that is followed; "" for `false`, which lets a joint with a mimic tag go."""
+    if value is False:
+        return ""
+    return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
 
 
 @dataclass(frozen=True)
@@ -261,20 +236,22 @@ class JointExtra:
     __repr__ = brief
 
     name: str
-    type: str | None = None
-    axes: tuple[Vec3, Vec3] | None = None
+    type: str | None = schema.bare({"enum": [*TYPES]})
+    axes: tuple[Vec3, Vec3] | None = schema.bare(schema.LIST)
     rotor_inertia: float = schema.real(0.0, "inertia", low=0)
     spring: float = schema.real(0.0, "stiffness", low=0)
-    rest: float = schema.real(0.0, "position")
+    parallel_spring: bool = schema.real(False, "stiffness", low=0)  # in the file its stiffness
+    rest: float = schema.real(0.0, "position", form=schema.measure("angle"))
     damper: float = schema.real(0.0, "damping", low=0)
-    parallel_spring: bool = False
-    drive: Drive | None = None
-    friction: Friction | None = None
-    follows: str | None = None
+    drive: Drive | None = schema.bare(schema.block_form(_DRIVE))
+    friction: Friction | None = _RUBS
+    follows: str | None = schema.key(
+        None, _followed, given=True, form={"anyOf": [schema.TEXT, {"const": False}]}
+    )
     ratio: float = schema.real(1.0, "ratio")
     offset: float = schema.real(0.0, "position")
-    stops: Stops | None = None
-    table: tuple[tuple[float, float], ...] = ()
+    stops: Stops | None = schema.bare(schema.block_form(_STOPS))
+    table: schema.Points = schema.bare(schema.LIST, ())
 
     @property
     def armature(self) -> float:
@@ -295,65 +272,56 @@ def read_joints(value: object, where: str, urdf: Source) -> dict[str, JointExtra
     }
 
 
+JOINTS = schema.keys(JointExtra)
+
+
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
-    block = schema.mapping(value, where, KEYS)
-    place = {key: schema.at(where, key) for key in KEYS}
-    kind = _type(block, name, place["type"], urdf)
-    _require_one_freedom(block, kind, urdf.joints[name].type, place, urdf.file)
+    block, written = schema.Block(value, where, JOINTS), urdf.joints[name]
+    kind, of = _type(block, written.type, urdf.file), schema.quantity(written.type)
+    _require_one_freedom(block, kind, written.type, urdf.file)
     if isinstance(block.get("rest"), str):
-        of = schema.quantity(urdf.joints[name].type)
-        block["rest"] = schema.number(block["rest"], place["rest"], of=of)
-    values = schema.read(JointExtra, block, place)
-    if "follows" in block:
-        values["follows"] = _followed(block["follows"], place["follows"], urdf)
-    elif "ratio" in block or "offset" in block:
-        key = "ratio" if "ratio" in block else "offset"
-        raise DescriptionError(f"{place[key]}: there is no joint to follow. Add `follows`.")
-    if "parallel_spring" in block:  # a stiffness in the file, a flag beside `spring` in the record
-        beside, at = block["parallel_spring"], place["parallel_spring"]
-        stiffness = schema.number(beside, at, low=0, of="stiffness")
+        block["rest"] = schema.number(block["rest"], block.at("rest"), of=of)
+    values = block.read(urdf)
+    if "follows" not in block:
+        block.only(("ratio", "offset"), "there is no joint to follow. Add `follows`.")
+    if "parallel_spring" in block:
         if "spring" in block:
-            raise DescriptionError(f"{at}: beside `spring`. Remove one of them.")
-        values |= {"spring": stiffness, "parallel_spring": True}
+            raise block.error("parallel_spring", "beside `spring`. Remove one of them.")
+        values |= {"spring": values["parallel_spring"], "parallel_spring": True}
     if "rest" in block and "spring" not in values:
-        raise DescriptionError(f"{place['rest']}: there is no spring. Add `spring`.")
-    of = schema.quantity(urdf.joints[name].type)
+        raise block.error("rest", "there is no spring. Add `spring`.")
     if "stops" in block:
-        values["stops"] = _stops(block["stops"], place["stops"], of)
-        if urdf.joints[name].type == "continuous":
-            _require_within_a_turn(values["stops"], place["stops"])
+        values["stops"] = _stops(schema.Block(block["stops"], block.at("stops"), _STOPS), of)
+        if written.type == "continuous":
+            _require_within_a_turn(values["stops"], block.at("stops"))
     if "table" in block:
-        values["table"] = schema.points(block["table"], place["table"], of, "moment")
-    values |= _driven(block, place, urdf.joints[name].reduction)
-    _require_one_side(values, place)
+        values["table"] = schema.points(block["table"], block.at("table"), of, "moment")
+    if "drive" in block:
+        values |= _driven(block, written.reduction)
     if "axes" in block:
-        values["axes"] = _axes(block["axes"], place["axes"], kind)
+        values["axes"] = _axes(block["axes"], block.at("axes"), kind)
     return JointExtra(name, kind, **values)
 
 
-def _stops(value: object, where: str, of: str) -> Stops:
-    """The block `stops`."""
-    keys = schema.names_of(Stops)
-    block = schema.mapping(value, where, keys)
-    place = {key: schema.at(where, key) for key in keys}
-    found = schema.read(Stops, {k: x for k, x in block.items() if k not in _WAY}, place)
-    found |= {key: schema.number(block[key], place[key], of=of) for key in _WAY if key in block}
-    if not block.keys() & {*_WAY}:
-        raise DescriptionError(f"{where}: no stop. Give `lower`, `upper` or both.")
-    if block.keys() >= {*_WAY} and found["lower"] >= found["upper"]:
-        raise DescriptionError(
-            f"{place['upper']}: {found['upper']:g} is not above lower, {found['lower']:g}. "
-            "Exchange them."
+def _stops(block: schema.Block, of: str) -> Stops:
+    """The block `stops` of a joint whose positions are `of` a quantity."""
+    found = Stops(**block.read(of))
+    if found.lower is None and found.upper is None:
+        raise block.error("", "no stop. Give `lower`, `upper` or both.")
+    if found.lower is not None and found.upper is not None and found.lower >= found.upper:
+        raise block.error(
+            "upper", f"{found.upper:g} is not above lower, {found.lower:g}. Exchange them."
         )
-    if ("stiffness" in block) == ("restitution" in block):
-        raise DescriptionError(
-            f"{where}: a stop is a spring (`stiffness`, and `damping` if you like) or rigid "
-            "(`restitution`). Give one of the two."
+    if (found.stiffness is None) == (found.restitution is None):
+        raise block.error(
+            "",
+            "a stop is a spring (`stiffness`, and `damping` if you like) or rigid "
+            "(`restitution`). Give one of the two.",
         )
-    if "damping" in block and "stiffness" not in block:
-        raise DescriptionError(f"{place['damping']}: a rigid stop has none. Give `stiffness`.")
-    return Stops(**found)
+    if "damping" in block and found.stiffness is None:
+        raise block.error("damping", "a rigid stop has none. Give `stiffness`.")
+    return found
 
 
 def _require_within_a_turn(given: Stops, where: str) -> None:
@@ -367,51 +335,24 @@ def _require_within_a_turn(given: Stops, where: str) -> None:
         )
 
 
-def _require_one_side(values: Mapping[str, Any], place: Mapping[str, str]) -> None:
-    """Refuse what acts on the link where the coordinate is the motor's side of a gear."""
-    drive = values.get("drive")
-    for key in ("stops", "table"):
-        if key in values and drive is not None and drive.stiffness is not None:
-            raise DescriptionError(
-                f"{place[key]}: with drive.stiffness the joint's coordinate is the motor's side of "
-                "the gear. Leave out one of them."
-            )
-
-
-def _followed(value: object, where: str, urdf: Source) -> str:
-    """Joint that is followed; "" for `false`, which lets a joint with a mimic tag go."""
-    if value is False:
-        return ""
-    return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
-
-
-def _driven(
-    block: Mapping[str, Any], place: Mapping[str, str], reduction: float | None
-) -> dict[str, Any]:
+def _driven(block: schema.Block, reduction: float | None) -> dict[str, Any]:
     """Drive and friction; what would say the same twice is refused."""
-    values: dict[str, Any] = {}
-    if "friction" in block:
-        values["friction"] = read_friction(block["friction"], place["friction"])
-    if "drive" not in block:
-        return values
-    drive, rubs = read_drive(block["drive"], place["drive"], reduction)
-    values["drive"] = drive
-    if rubs is not None:
-        if "friction" in block:
-            raise DescriptionError(f"{place['friction']}: beside drive.friction. Remove one.")
-        values["friction"] = rubs
+    drive, rubs = read_drive(block["drive"], block.at("drive"), reduction)
+    if rubs is not None and "friction" in block:
+        raise block.error("friction", "beside drive.friction. Remove one.")
     if drive.motor_inertia and "rotor_inertia" in block:
-        raise DescriptionError(
-            f"{place['rotor_inertia']}: beside drive.motor_inertia, which is "
-            f"{drive.rotor_inertia:g} at the joint. Remove one."
-        )
-    if drive.stiffness is not None and "parallel_spring" in block:
-        raise DescriptionError(
-            f"{place['parallel_spring']}: it acts from link to link, and with drive.stiffness the "
-            "joint's coordinate is the motor's side of the gear. Write the spring between two "
-            "frames under `springs`."
-        )
-    return values
+        text = f"beside drive.motor_inertia, which is {drive.rotor_inertia:g} at the joint."
+        raise block.error("rotor_inertia", f"{text} Remove one.")
+    if drive.stiffness is not None:
+        side = "with drive.stiffness the joint's coordinate is the motor's side of the gear."
+        if "parallel_spring" in block:
+            raise block.error(
+                "parallel_spring",
+                f"it acts from link to link, and {side} Write the spring between two frames under "
+                "`springs`.",
+            )
+        block.only(("stops", "table"), f"{side} Leave out one of them.")
+    return {"drive": drive} | ({} if rubs is None else {"friction": rubs})
 
 
 def with_urdf_dynamics(
@@ -426,7 +367,7 @@ def with_urdf_dynamics(
         written = urdf.joints[name]
         extra = joints.get(name, JointExtra(name))
         viscous = extra.friction is not None and extra.friction.viscous
-        if written.damping and not viscous and "damper" not in block.get(name, {}):
+        if written.damping and not viscous and "damper" not in (block.get(name) or ()):
             extra = replace(extra, damper=written.damping)
         if written.friction and extra.friction is None:
             extra = replace(extra, friction=urdf_friction(written.friction))
@@ -435,39 +376,38 @@ def with_urdf_dynamics(
     return found
 
 
-def _type(block: dict[str, Any], name: str, place: str, urdf: Source) -> str | None:
+def _type(block: schema.Block, written: str, file: str) -> str | None:
     """The type that takes the place of the URDF's."""
     if "type" not in block:
         return None
-    written = urdf.joints[name].type
-    kind = schema.choice(block["type"], place, TYPES)
+    kind = schema.choice(block["type"], block.at("type"), TYPES)
     if written == kind:
-        raise DescriptionError(f"{place}: {urdf.file} says {written} already. Remove the key.")
+        raise block.error("type", f"{file} says {written} already. Remove the key.")
     return kind
 
 
-def _require_one_freedom(
-    block: dict[str, Any], kind: str | None, written: str, place: dict[str, str], file: str
-) -> None:
+def _require_one_freedom(block: schema.Block, kind: str | None, written: str, file: str) -> None:
     """Springs need a joint of one freedom, and every number a joint that moves."""
     for key in (key for key in block if key not in ("type", "axes")):
         if kind == "fixed":
-            raise DescriptionError(
-                f"{place[key]}: the joint is fixed by its `type`, so it would do nothing. "
-                "Remove one of them."
+            raise block.error(
+                key,
+                "the joint is fixed by its `type`, so it would do nothing. Remove one of them.",
             )
         if written == "fixed" and kind is None:
-            raise DescriptionError(
-                f"{place[key]}: the joint is fixed in {file}, so it would do "
-                "nothing. Remove it, or give the joint a type."
+            raise block.error(
+                key,
+                f"the joint is fixed in {file}, so it would do nothing. Remove it, or give the "
+                "joint a type.",
             )
         if key in _SINGLE and (kind or written in ("floating", "planar")):
             what = {"drive": "Drives", "friction": "Friction"}.get(key, "Springs")
             one = what.lower().rstrip("s")
-            raise DescriptionError(
-                f"{place[key]}: a {kind or written} joint has no one {one}. {what} "
+            raise block.error(
+                key,
+                f"a {kind or written} joint has no one {one}. {what} "
                 f"{'acts' if what == 'Friction' else 'act'} on joints of one degree of freedom. "
-                "Split the joint in the URDF."
+                "Split the joint in the URDF.",
             )
 
 

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from pinflex.description.reading import schema
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
+
+
+def _density(value: object, where: str) -> float | None:
+    if isinstance(value, str):
+        schema.choice(value, where, ("urdf",))
+        return None
+    return schema.number(value, where, above=0, of="density")
+
+
+_DENSITY = {"anyOf": [schema.measure("density"), {"const": "urdf"}]}
+
+
+def _modulus(default: Any) -> Any:
+    return schema.real(default, "elasticity", above=0, required=False)
 
 
 @dataclass(frozen=True)
@@ -28,13 +41,13 @@ class Material:
 
     __repr__ = brief
 
-    E: float
-    G: float
-    rho: float | None
-    nu: float
-    name: str = "custom"
-    yield_strength: float | None = None
-    thermal_expansion: float | None = None
+    E: float = _modulus(schema.REQUIRED)
+    G: float = _modulus(schema.REQUIRED)
+    rho: float | None = schema.key(schema.REQUIRED, _density, form=_DENSITY, required=False)
+    nu: float = schema.real(schema.REQUIRED, high=0.5, above=-1, required=False)
+    name: str = schema.key("custom", schema.text, form=schema.TEXT)
+    yield_strength: float | None = _modulus(None)
+    thermal_expansion: float | None = schema.real(None, low=-1e-2, high=1e-2)
 
 
 def _isotropic(
@@ -70,7 +83,12 @@ MATERIALS: dict[str, Material] = {
 }
 ALIASES = {"aluminum": "aluminium", "aluminum_7075": "aluminium_7075"}
 ALIASES["aluminum_6061"] = "aluminium_6061"
-KEYS = ("like", "E", "nu", "G", "rho", "yield_strength", "thermal_expansion", "name")
+KEYS = schema.keys(
+    Material, "like", "E", "nu", "G", "rho", "yield_strength", "thermal_expansion",
+    like=schema.bare(lambda: _NAMED),
+)  # fmt: skip
+_NAMED: schema.Form = {"enum": [*MATERIALS, *ALIASES]}
+FORM: schema.Form = {"anyOf": [_NAMED, schema.block_form(KEYS)]}
 
 
 def named(name: object, where: str = "material") -> Material:
@@ -87,25 +105,17 @@ def from_spec(spec: object, where: str = "material") -> Material:
     """
     if isinstance(spec, str):
         return named(spec, where)
-    block = schema.mapping(spec, where, KEYS)
-    place = {key: schema.at(where, key) for key in KEYS}
-    base = named(block["like"], place["like"]) if "like" in block else None
+    block = schema.Block(spec, where, KEYS)
+    base = named(block["like"], block.at("like")) if "like" in block else None
     if base is None and ("E" not in block or not block.keys() & {"nu", "G"}):
         missing = "E" if "E" not in block else "nu (or G)"
         raise DescriptionError(
             f"{where}: {missing} is missing. Write {{E, nu, rho}}, {{E, G, rho}} or a name: "
             f"{', '.join(MATERIALS)}."
         )
-    positive = partial(schema.number, above=0, of="elasticity")
-    given = {key: positive(block[key], place[key]) for key in block.keys() & {"E", "G"}}
-    if "nu" in block:
-        given["nu"] = schema.number(block["nu"], place["nu"], high=0.5, above=-1)
-    changes: dict[str, Any] = dict(zip(("E", "nu", "G"), _elastic(given, base, where), strict=True))
-    expansion = partial(schema.number, low=-1e-2, high=1e-2)
-    for key, reader in (("rho", _density), ("yield_strength", positive),
-                        ("thermal_expansion", expansion), ("name", schema.text)):  # fmt: skip
-        if key in block:
-            changes[key] = reader(block[key], place[key])
+    changes = block.read()
+    given: dict[str, float] = {key: changes[key] for key in ("E", "nu", "G") if key in changes}
+    changes |= zip(("E", "nu", "G"), _elastic(given, base, where), strict=True)
     return Material(**{"rho": None} | changes) if base is None else replace(base, **changes)
 
 
@@ -130,13 +140,6 @@ def _elastic(
     return E, nu, given["G"]
 
 
-def _density(value: object, where: str) -> float | None:
-    if isinstance(value, str):
-        schema.choice(value, where, ("urdf",))
-        return None
-    return schema.number(value, where, above=0, of="density")
-
-
 # Keys of solid links in a description: the kinds mesh and matrices of `basis`.
 
 KINDS = ("mesh", "matrices")
@@ -151,40 +154,29 @@ def is_solid(basis: object) -> bool:
     return isinstance(basis, dict) and basis.get("kind") in KINDS
 
 
-def refuse_beam_keys(block: dict[str, Any], place: dict[str, str]) -> None:
+def refuse_beam_keys(block: schema.Block) -> None:
     """Keys that mean something for beams only."""
-    for key in BEAM_KEYS:
-        if key in block:
-            raise DescriptionError(
-                f"{place[key]}: a solid deforms in every direction and has its own inertia, so "
-                "this has no meaning for it. Remove it."
-            )
+    block.only(
+        BEAM_KEYS,
+        "a solid deforms in every direction and has its own inertia, so this has no meaning for "
+        "it. Remove it.",
+    )
     if block.get("inertia", "beam") == "urdf":
-        raise DescriptionError(
-            f"{place['inertia']}: a solid has the mass of its mesh or matrices. Remove it."
-        )
+        raise block.error("inertia", "a solid has the mass of its mesh or matrices. Remove it.")
     if block.get("segments", 1) != 1:
-        raise DescriptionError(f"{place['segments']}: a solid is one body. Remove it.")
+        raise block.error("segments", "a solid is one body. Remove it.")
 
 
-def read(key: str, value: object, place: str) -> Any:
-    """One key of the kinds mesh and matrices."""
-    if key in ("file", "mass", "stiffness", "nodes"):
-        return schema.text(value, place)
-    if key == "modes":
-        return schema.integer(value, place, 1, 1000)
-    if key == "rod":
-        return _rod(value, place)
-    if key == "interfaces":
-        box = partial(schema.numbers, size=6, of="place")
-        return tuple(
-            (name, item if isinstance(item, str) else box(item, f"{place}.{name}"))
-            for name, item in schema.mapping(value, place).items()
-        )
-    return schema.number(value, place, above=0, of="ratio" if key == "scale" else "length")
+def regions(value: object, where: str) -> tuple[tuple[str, str | tuple[float, ...]], ...]:
+    """Interfaces of a solid by name: a group, or a box."""
+    return tuple(
+        (name, item if isinstance(item, str)
+         else schema.numbers(item, f"{where}.{name}", 6, of="place"))
+        for name, item in schema.mapping(value, where).items()
+    )  # fmt: skip
 
 
-def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
+def rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
     """(diameter, length) of each segment from {diameters: [...], lengths: [...]}."""
     block = schema.mapping(value, where, ("diameters", "lengths"), ("diameters",))
     count = len(schema.items(block["diameters"], f"{where}.diameters"))
@@ -192,37 +184,37 @@ def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
         raise DescriptionError(
             f"{where}.lengths: missing. Give the length [m] of each of the {count} diameters."
         )
-    pairs: list[tuple[float, float]] = []
-    lengths: list[Any] = [0.0]
-    if "lengths" in block:
-        lengths = schema.items(block["lengths"], f"{where}.lengths", count)
-    for k, (d, x) in enumerate(zip(block["diameters"], lengths, strict=True)):
-        diameter = schema.number(d, f"{where}.diameters[{k}]", above=0, of="length")
-        span = 0.0
-        if "lengths" in block:
-            span = schema.number(x, f"{where}.lengths[{k}]", above=0, of="length")
-        pairs.append((diameter, span))
-    return tuple(pairs)
+    found = {"lengths": [0.0]}  # that of the span
+    for key in ("lengths", "diameters"):
+        if key in block:
+            many = schema.items(block[key], f"{where}.{key}", count)
+            found[key] = [
+                schema.number(x, f"{where}.{key}[{k}]", above=0, of="length")
+                for k, x in enumerate(many)
+            ]
+    return tuple(zip(found["diameters"], found["lengths"], strict=True))
 
 
-def check(kind: str, block: dict[str, Any], where: str) -> None:
+def check(kind: str, block: schema.Block) -> None:
     """A solid comes from one source, and has at least the interface at which it is held."""
     sources = {"mesh": ("file", "rod"), "matrices": ("file", "mass")}[kind]
     given = [key for key in sources if key in block]
     if len(given) != 1:
-        raise DescriptionError(
-            f"{where}: {' and '.join(given) or 'nothing'} given for the body. Give one of "
-            f"{', '.join(sources)}."
+        raise block.error(
+            "",
+            f"{' and '.join(given) or 'nothing'} given for the body. Give one of "
+            f"{', '.join(sources)}.",
         )
     if "mass" in block and not {"stiffness", "nodes"} <= block.keys():
-        raise DescriptionError(f"{where}: mass needs stiffness and nodes beside it. Give all.")
+        raise block.error("", "mass needs stiffness and nodes beside it. Give all.")
     if "rod" in block and block.keys() & {"interfaces", "scale"}:
-        raise DescriptionError(
-            f"{where}: a rod is built in m, and its ends are the interfaces. Remove interfaces and "
-            "scale."
+        raise block.error(
+            "",
+            "a rod is built in m, and its ends are the interfaces. Remove interfaces and scale.",
         )
     if "rod" not in block and not block.get("interfaces"):
-        raise DescriptionError(
-            f"{where}.interfaces: missing. Name the rigid regions, first the one fixed to the "
-            "link's frame: {root: GROUP, tip: GROUP}."
+        raise block.error(
+            "interfaces",
+            "missing. Name the rigid regions, first the one fixed to the link's frame: {root: "
+            "GROUP, tip: GROUP}.",
         )

@@ -25,6 +25,7 @@ from pinflex.description.motions import trajectory as paths
 from pinflex.description.motions import trajectory as shaping
 from pinflex.description.motions.laws import PLATFORM_COORDINATES, SNAP, Kinematics, Moves
 from pinflex.description.motions.trajectory import Motion, of_moves
+from pinflex.description.reading import schema
 from pinflex.description.reading.schema import shown
 from pinflex.description.trajectories.profiles import Limit, ruckig, scurve, trapezoid_times
 from pinflex.description.trajectories.waypoints import trajectory
@@ -304,6 +305,18 @@ KINDS |= {"nonic": nonic, "spin_up": spin_up, "formula": formula}
 KINDS |= {"scurve": scurve, "ruckig": ruckig}
 KINDS |= {"trapezoid": trapezoid, "harmonic": harmonic, "circle": circle, "sampled": sampled}
 KINDS |= {"trajectory": trajectory}
+
+
+def form() -> schema.Form:
+    """What a motion looks like, as JSON Schema says it."""
+    forms = []
+    for kind, make in KINDS.items():
+        arguments = inspect.signature(make).parameters.items()
+        table = {"kind": schema.bare({"const": kind}, required=True)} | {
+            key: schema.bare({}, required=one.default is one.empty) for key, one in arguments
+        }
+        forms.append(schema.block_form(table | {"shaper": schema.bare(shaping.shaper_form)}))
+    return {"anyOf": forms}
 
 
 def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion:

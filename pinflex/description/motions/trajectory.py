@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 # Source: Singer, Seering (1990), ZV and ZVD; Singhose, Seering, Singer (1994), EI with its fit for
 # damped systems; Singhose (2009) for all three.
 
-KEYS = ("kind", "frequencies", "damping", "modes")
 KINDS = ("zv", "zvd", "ei")
 MODES = 3  # most of those that a motion excites
 MOST = 2200  # impulses: 3^7, seven frequencies of the kinds of three
@@ -59,6 +58,16 @@ class Shaper:
         return np.asarray(np.hypot((size * np.cos(phase)).sum(1), (size * np.sin(phase)).sum(1)))
 
 
+def _each(default: Any, **bounds: Any) -> Any:
+    """A number, or a list of numbers."""
+
+    def read(value: object, where: str) -> tuple[float, ...]:
+        many = value if isinstance(value, list | tuple) else [value]
+        return tuple(schema.number(x, where, **bounds) for x in many)
+
+    return schema.key(default, read, form={})
+
+
 @dataclass(frozen=True)
 class ShaperSpec:
     """The block `shaper` of a motion.
@@ -70,45 +79,45 @@ class ShaperSpec:
         modes: Most modes to look up.
     """
 
-    kind: str
-    frequencies: tuple[float, ...] = ()
-    damping: tuple[float, ...] = (0.0,)
-    modes: int = MODES
+    kind: str = schema.word(schema.REQUIRED, KINDS)
+    frequencies: tuple[float, ...] = _each((), above=0.0, of="rate")
+    damping: tuple[float, ...] = _each((0.0,), low=0.0, high=0.9)
+    modes: int = schema.bare({"type": "integer", "minimum": 1, "maximum": 9}, MODES)
+
+
+_SHAPER = schema.keys(ShaperSpec)
+
+
+def shaper_form() -> schema.Form:
+    """What `shaper` looks like, as JSON Schema says it."""
+    return {"anyOf": [{"enum": [*KINDS]}, schema.block_form(_SHAPER)]}
 
 
 def read(value: object, where: str) -> ShaperSpec | None:
     """The block `shaper`: {kind, frequencies, damping} or {kind, modes}, or the kind alone."""
     if value is None:
         return None
-    block = {"kind": value} if isinstance(value, str) else value
-    block = schema.mapping(block, where, KEYS, ("kind",))
-    kind = schema.choice(block["kind"], schema.at(where, "kind"), KINDS)
-    given = block.get("frequencies", ())
-    found = _each(given, schema.at(where, "frequencies"), above=0.0, of="rate")
-    _require_few(kind, len(found))
+    written = {"kind": value} if isinstance(value, str) else value
+    block = schema.Block(written, where, _SHAPER)
+    spec = ShaperSpec(**block.read(), modes=block.get("modes", MODES))
+    found = len(spec.frequencies)
+    _require_few(spec.kind, found)
     if found and "modes" in block:
         raise DescriptionError(f"{where}.modes: frequencies are given. Remove one of them.")
     if "damping" in block and not found:
         raise DescriptionError(
             f"{where}.damping: that of the modes is known. Remove it, or give frequencies [Hz]."
         )
-    damping = _each(block.get("damping", 0.0), schema.at(where, "damping"), low=0.0, high=0.9)
-    if len(damping) not in (1, len(found)) and found:
+    if found and len(spec.damping) not in (1, found):
         raise DescriptionError(
-            f"{where}.damping: {len(damping)} ratios for {len(found)} frequencies. Give one each."
+            f"{where}.damping: {len(spec.damping)} ratios for {found} frequencies. Give one each."
         )
-    modes = block.get("modes", MODES)
+    modes: object = spec.modes
     if isinstance(modes, bool) or not isinstance(modes, int) or not 1 <= modes <= 9:
         raise DescriptionError(f"{where}.modes: {schema.shown(modes)}. Give 1 to 9.")
-    if not found and "modes" in block:
-        _require_few(kind, modes)
-    return ShaperSpec(kind, found, damping, modes)
-
-
-def _each(value: object, where: str, **bounds: Any) -> tuple[float, ...]:
-    """A number, or a list of numbers."""
-    many = value if isinstance(value, list | tuple) else [value]
-    return tuple(schema.number(x, where, **bounds) for x in many)
+    if not found:
+        _require_few(spec.kind, modes if "modes" in block else 0)
+    return spec
 
 
 def shaper(

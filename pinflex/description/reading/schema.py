@@ -9,7 +9,7 @@ import dataclasses
 import math
 import re
 import reprlib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -271,40 +271,62 @@ def names(value: object, where: str, allowed: Collection[str], what: str) -> tup
     return tuple(found)
 
 
-def points(value: object, where: str, of: str, force: str) -> tuple[tuple[float, float], ...]:
-    """Two or more points [place, force], by increasing place."""
+Points = tuple[tuple[float, float], ...]
+
+
+def points(
+    value: object, where: str, of: str, force: str, low: float = -math.inf, curve: bool = False
+) -> Points:
+    """Two or more points [place, force], by increasing place; `curve`: of speeds and torques."""
     found: list[tuple[float, float]] = []
+    pair, by, what = "place, force", "place", "table"
+    if curve:
+        pair, by, what = "motor speed rad/s, motor torque N m", "speed", "curve"
     for k, item in enumerate(items(value, where)):
         here = f"{where}[{k}]"
-        pair = items(item, here, 2)
-        place = number(pair[0], f"{here}[0]", of=of)
-        if k and place <= found[-1][0]:
+        both = items(item, here, 2)
+        place = number(both[0], f"{here}[0]", low, of=of)
+        found.append((place, number(both[1], f"{here}[1]", low, of=force)))
+        if k and place <= found[-2][0]:
             raise DescriptionError(
-                f"{here}: {place:g} does not follow {found[-1][0]:g}. Write the points "
-                "[place, force] by increasing place."
+                f"{here}: {'the speed ' * curve}{place:g} does not follow {found[-2][0]:g}. Write "
+                f"the points [{pair}] by increasing {by}."
             )
-        found.append((place, number(pair[1], f"{here}[1]", of=force)))
     if len(found) < 2:
-        raise DescriptionError(f"{where}: one point is no table. Write two or more.")
+        raise DescriptionError(f"{where}: one point is no {what}. Write two or more.")
     return tuple(found)
 
 
-# Readers in the metadata of dataclass fields: unit, range, choices and owners of a key, said once.
+# One reader of blocks. A block is a table of its keys, each a dataclass field that carries how its
+# value is read, its default, range and choices, and what it looks like in the JSON Schema:
 #
-#     dt: float | None = fields.real(None, of="time", above=0)
+#     dt: float | None = schema.real(None, of="time", above=0)
 #
-# A record whose fields are made so is read by `read`; what one key alone cannot tell (two keys that
-# exclude each other) is checked by the record's own module.
+# A record whose fields are made so is such a table; `keys` adds what the record itself does not
+# keep. What one key alone cannot tell (two keys that exclude each other) is checked by the record's
+# own module.
 
-Reader = Callable[[object, str], Any]
+Reader = Callable[..., Any]  # of the value, of where it stands, and of what `given` says
+Form = dict[str, Any]
+REQUIRED: Any = dataclasses.MISSING  # as a default
+TEXT: Form = {"type": "string"}
+PAIR: Form = {"type": "array", "items": TEXT, "minItems": 2, "maxItems": 2}
+LIST: Form = {"type": "array"}
 
 
-def key(default: Any, reader: Reader, **about: Any) -> Any:
-    """A field that a reader reads.
+def key(default: Any, reader: Reader | None, **about: Any) -> Any:
+    """A field that a reader reads; without one the block's own module does.
 
-    `about` is further metadata; `form` in it is what the value looks like, as JSON Schema says it.
+    `about` is further metadata: `form`, what the value looks like as JSON Schema says it, or a
+    function that gives it; `key`, its name in the YAML; `given`, whether the reader takes too what
+    the block is read with (the robot whose links and joints it names); `required`.
     """
     return dataclasses.field(default=default, metadata={"read": reader, **about})
+
+
+def bare(form: Form | Callable[[], Form], default: Any = None, **about: Any) -> Any:
+    """A key that the block's own module reads."""
+    return key(default, None, form=form, **about)
 
 
 def real(
@@ -316,42 +338,150 @@ def real(
     above: float = -math.inf,
     **about: Any,
 ) -> Any:
-    """A finite number in bounds and in the range of its quantity (`ranges.RANGES`)."""
+    """A finite number in bounds and in the range of its quantity (`RANGES`)."""
     bounds = {"minimum": low, "maximum": high, "exclusiveMinimum": above}
-    form: dict[str, Any] = {"type": "number"} | {
-        k: v for k, v in bounds.items() if math.isfinite(v)
-    }
-    if of in UNITS:  # with its unit behind it
-        form = {"anyOf": [form, {"type": "string"}]}
-    return key(default, lambda v, at: number(v, at, low, high, above, of), form=form, **about)
+    form = measure(of, **{k: v for k, v in bounds.items() if math.isfinite(v)})
+    about = {"form": form} | about
+    return key(default, lambda v, at: number(v, at, low, high, above, of), **about)
 
 
-def whole(default: Any, low: int, high: int | None = None, **about: Any) -> Any:
+def measure(of: str | None, **bounds: float) -> Form:
+    """A number of a quantity; its unit tells what it is, and may be written behind some."""
+    plain: Form = {"type": "number"} | bounds
+    form: Form = {"anyOf": [plain, TEXT]} if of in UNITS else plain
+    return form if of is None else form | {"description": RANGES[of].unit}
+
+
+def triple(default: Any, of: str, low: float = -math.inf) -> Any:
+    """Three numbers of a quantity."""
+    return key(default, lambda v, at: vector(v, at, low, of), form=LIST)
+
+
+def direction_key(default: Any) -> Any:
+    """A unit vector."""
+    return key(default, direction, form={})
+
+
+def points_key(of: str, force: str, low: float = -math.inf, curve: bool = False) -> Any:
+    """A table of points [place, force]."""
+    return key((), lambda v, at: points(v, at, of, force, low, curve), form=LIST)
+
+
+def place_form() -> Form:
+    """A point of the ground."""
+    three: Form = {"type": "array", "items": measure("place"), "minItems": 3, "maxItems": 3}
+    return {"anyOf": [three, {"const": "home"}]}
+
+
+def whole(default: Any, low: int, high: int | None = None) -> Any:
     """A whole number in bounds."""
     form = {"type": "integer", "minimum": low} | ({} if high is None else {"maximum": high})
-    return key(default, lambda v, at: integer(v, at, low, high), form=form, **about)
+    return key(default, lambda v, at: integer(v, at, low, high), form=form)
 
 
-def word(default: Any, choices: Collection[str], **about: Any) -> Any:
+def word(default: Any, choices: Collection[str]) -> Any:
     """One of the choices, which may be a table that grows."""
-    form = {"enum": choices}  # as it is when it is asked for
-    return key(default, lambda v, at: choice(v, at, choices), choices=choices, form=form, **about)
+    return key(default, lambda v, at: choice(v, at, choices), form=lambda: {"enum": [*choices]})
 
 
-def flag(default: Any, **about: Any) -> Any:
+def words(choices: Collection[str], what: str) -> Any:
+    """A list of some of the choices, which are each `what`."""
+    form = LIST | {"items": {"enum": [*choices]}}
+    return key((), lambda v, at: names(v, at, choices, what), form=form)
+
+
+def flag(default: Any) -> Any:
     """true or false."""
-    return key(default, boolean, form={"type": "boolean"}, **about)
+    return key(default, boolean, form={"type": "boolean"})
 
 
-def names_of(record: type) -> tuple[str, ...]:
-    """The keys of a record: its fields that have a reader, in their order."""
-    return tuple(f.name for f in dataclasses.fields(record) if "read" in f.metadata)
+Field = dataclasses.Field[Any]
+Table = Mapping[str, Field]
 
 
-def read(record: type, block: Mapping[str, Any], place: Mapping[str, str]) -> dict[str, Any]:
-    """The written keys of a record, each read by its field; other keys are left alone."""
-    return {
-        f.name: f.metadata["read"](block[f.name], place[f.name])
-        for f in dataclasses.fields(record)
-        if "read" in f.metadata and f.name in block
-    }
+def keys(record: type, *order: str, **more: Field) -> dict[str, Field]:
+    """The table of a record: its fields that say how they are read, `more`; `order`: the first."""
+    own = {f.metadata.get("key", f.name): f for f in dataclasses.fields(record) if f.metadata}
+    table = own | more
+    return {key: table[key] for key in dict.fromkeys((*order, *table))}
+
+
+class Block(dict[str, Any]):
+    """The written keys of a block, and where it stands.
+
+    Attributes:
+        where: Its place, as in "3rrr.yaml: flexible.distal_1".
+    """
+
+    def __init__(
+        self,
+        value: object,
+        where: str,
+        table: Table | None = None,
+        *required: str,
+        before: str = "",
+    ) -> None:
+        need = required or [k for k, f in (table or {}).items() if _needed(f)]
+        super().__init__(mapping(value, where, table, need))
+        self.where, self._table = where, table or {}
+        self._before = before or at(where, "")
+
+    def at(self, key: str) -> str:
+        """Where a key of it stands."""
+        return self._before + key
+
+    def error(self, key: str, text: str, **data: Any) -> DescriptionError:
+        """The error of a key; of the block itself where that is empty."""
+        return DescriptionError(f"{self.at(key) if key else self.where}: {text}", **data)
+
+    def only(self, keys: Iterable[str], text: str) -> None:
+        """Raise at the first of some keys that is written."""
+        for key in self:
+            if key in keys:
+                raise self.error(key, text)
+
+    def read(self, given: Any = None) -> dict[str, Any]:
+        """The written keys that have a reader, by the names of their fields."""
+        values = {}
+        for key, field in self._table.items():
+            reader = field.metadata["read"]
+            if reader is not None and key in self:
+                more = (given,) if "given" in field.metadata else ()
+                values[field.name or key] = reader(self[key], self.at(key), *more)
+        return values
+
+
+def _needed(field: Field) -> bool:
+    return bool(field.metadata.get("required", field.default is REQUIRED))
+
+
+def part(default: Any, record: type) -> Any:
+    """A block that its table alone makes a record of."""
+    table = keys(record)
+    return key(
+        default, lambda v, at: record(**Block(v, at, table).read()),
+        form=lambda: block_form(table),
+    )  # fmt: skip
+
+
+def entries(value: object, where: str, table: Table | None = None) -> Iterator[tuple[str, Block]]:
+    """The blocks of a block of names of the user's own, in file order."""
+    for name, item in mapping(value, where).items():
+        yield name, Block(item, at(where, name), table)
+
+
+def block_form(table: Table) -> Form:
+    """A block as JSON Schema says it; an empty value counts as not written."""
+    properties = {}
+    for key, field in table.items():
+        form = field.metadata["form"]
+        form = form() if callable(form) else form
+        properties[key] = {"anyOf": [form, {"type": "null"}]} if form else {}
+    whole: Form = {"type": "object", "properties": properties, "additionalProperties": False}
+    need = [key for key, field in table.items() if _needed(field)]
+    return whole | ({"required": need} if need else {})
+
+
+def named_form(form: Form) -> Form:
+    """A block with names of the user's own."""
+    return {"type": "object", "additionalProperties": {"anyOf": [form, {"type": "null"}]}}

@@ -163,7 +163,8 @@ def _loaded(kind: Any, text: str, file: str) -> Any:
         if node is None:
             return None
         _refuse_doubled_keys(node, file)
-        refuse_endless(node, file)
+        if "*" in text or 2 * len(text) > MOST_VALUES:  # a value takes a character and its end
+            refuse_endless(node, file)
         return loader.construct_document(node)
     finally:
         loader.dispose()

@@ -26,8 +26,10 @@ _DROPPED = ("axis", "limit", "dynamics", "mimic", "safety_controller")
 
 def cut(block: Mapping[str, Any], tree: Source, file: str) -> tuple[dict[str, Any], Source]:
     """The YAML's block and the robot with joints that have clearance as loops."""
-    joints = dict(schema.mapping(block["joints"], f"{file}: joints"))
-    loops, home = dict(block.get("loops") or {}), dict(block.get("home") or {})
+    joints = schema.mapping(block["joints"], f"{file}: joints")
+    loops, home = (
+        schema.mapping(block.get(key, {}), f"{file}: {key}") for key in ("loops", "home")
+    )
     root = None
     loose = [k for k, x in joints.items() if isinstance(x, Mapping) and "clearance" in x]
     for name in loose:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,6 +19,7 @@ _URDF_TYPES = tuple(t for t in HOME_SIZES if t not in ("universal", "spherical")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
 
+@lru_cache(maxsize=4)  # a robot is loaded again and again
 def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
     """Check a URDF's text and list its names."""
     refuse_doctype(text, file, "a URDF")
@@ -45,10 +47,7 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
             _check_inertial(inertial, f'{file}: link "{name}"')
     geared = _reductions(root)
     joints = {
-        name: replace(
-            _joint(element, name, links, f'{file}: joint "{name}"', file),
-            reduction=geared.get(name),
-        )
+        name: _joint(element, name, links, file, geared.get(name))
         for name, element in _names(root, "joint", file).items()
     }
     _check_tree(tuple(links), joints, file)
@@ -114,8 +113,9 @@ def _check_inertial(inertial: ET.Element, where: str) -> None:
 
 
 def _joint(
-    element: ET.Element, name: str, links: dict[str, ET.Element], where: str, file: str
+    element: ET.Element, name: str, links: dict[str, ET.Element], file: str, reduction: float | None
 ) -> SourceJoint:
+    where = f'{file}: joint "{name}"'
     kind = element.get("type") or ""
     if kind not in _URDF_TYPES:
         raise DescriptionError(
@@ -147,7 +147,7 @@ def _joint(
         for key in ("damping", "friction")
     )
     mimic = _mimic(element.find("mimic"), where)
-    return SourceJoint(name, kind, ends[0], ends[1], damping, friction, mimic=mimic)
+    return SourceJoint(name, kind, ends[0], ends[1], damping, friction, reduction, mimic)
 
 
 def _require_limit(element: ET.Element, kind: str, where: str) -> None:

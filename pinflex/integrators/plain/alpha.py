@@ -14,19 +14,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath, TorqueDrive
 from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.problem import Problem, consistent_acceleration
 from pinflex.linalg import lapack
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.actuation.drive import TorqueDrive
+    from pinflex.actuation.path import MotorPath
+    from pinflex.mechanics.mechanism import Mechanism
 
 MAX_ITERATIONS = 12
 # Contraction above which the next iteration has a new tangent, and above which it is none; then
@@ -100,30 +103,24 @@ class PlainAlpha:
             self.control_force = self.feedback.force(float(self.path.t[k]), y, v)
 
     def step(self, k: int, now: Step, last: Step) -> Step:
-        """The state at step k.
+        """The state at step k: prescribe and predict, then residual and correct until it is near.
 
         Raises:
             NoConvergence: With the residual it stopped at. LinAlgError: The matrix is singular.
         """
-        p, path, free, (mass, by_v, by_y) = self.problem, self.path, self.problem.free, self.weights
-        a, lam, ds = 2.0 * now.a - last.a, 2.0 * now.lam - last.lam, np.zeros_like(now.a)
-        if p.prescribed:
-            a[p.motors] = path.acceleration[k]
-        s, v, move = self.predictor @ np.array([a, now.a, now.s, now.v])
-        if p.prescribed:
-            s[p.motors], v[p.motors] = path.acceleration[k], path.velocity[k]
-        size, rate, close = np.inf, 0.0, False
+        free, (mass, by_v, by_y) = self.problem.free, self.weights
+        a, s, v, move, lam = self.predict(k, now, last)
+        ds, size, rate, close = np.zeros_like(a), np.inf, 0.0, False
         for _ in range(MAX_ITERATIONS + 1):
             y = self.dynamics.integrate(now.y, move)
-            if p.prescribed:
-                p.axes.write(y, path.position[k])
-            r, c, torque = self._balance(k, y, v, a, lam)
+            self.prescribe(k, y)
+            r, c, torque = self.residual(k, y, v, a, lam)
             near = np.max(np.abs(y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest
             if close and near:
                 return Step(y, v, a, s, lam, torque)
             if self._lu is None or rate > _SLOW:
                 self._factor(*self.matrix(k, y, v, a, lam))
-            ds[free], dlam = self._correction(r, c)
+            ds[free], dlam = self.correct(r, c)
             s, v, a, move = s + ds, v + by_v * ds, a + mass * ds, move + by_y * ds
             lam, before, size = lam + dlam, size, self._size(ds)
             self.iterations += 1
@@ -133,6 +130,21 @@ class PlainAlpha:
             close = size <= max(self.tolerance * self._size(a), self._noise)
             close |= rate > _STALLED and size <= _NOISE * self._noise
         raise NoConvergence(r[free] if near else np.full(len(free), np.nan))
+
+    def prescribe(self, k: int, y: Array) -> None:
+        """Write the motors' positions at step k into a pose y (nq,), where they follow a path."""
+        if self.problem.prescribed:
+            self.problem.axes.write(y, self.path.position[k])
+
+    def predict(self, k: int, now: Step, last: Step) -> tuple[Array, Array, Array, Array, Array]:
+        """a, s, v, the move and lam: straight on from two states, motors as step k prescribes."""
+        p, path, a, lam = self.problem, self.path, 2.0 * now.a - last.a, 2.0 * now.lam - last.lam
+        if p.prescribed:
+            a[p.motors] = path.acceleration[k]
+        s, v, move = self.predictor @ np.array([a, now.a, now.s, now.v])
+        if p.prescribed:
+            s[p.motors], v[p.motors] = path.acceleration[k], path.velocity[k]
+        return a, s, v, move, lam
 
     def matrix(
         self, k: int, y: Array, v: Array, a: Array, lam: Array, rates: bool = True
@@ -167,14 +179,14 @@ class PlainAlpha:
         free = a[self.problem.free]
         return sqrt((self._weight * free) @ free)
 
-    def _correction(self, r: Array, c: Array) -> tuple[Array, Array]:
+    def correct(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from free residuals and closures."""
         n = len(self.problem.free)
         b = -np.concatenate([r[self.problem.free], c / self.weights[2]])
         x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
         return x[:n], -x[n:]
 
-    def _balance(
+    def residual(
         self, k: int, y: Array, v: Array, a: Array, lam: Array
     ) -> tuple[Array, Array, Array]:
         """Residual (nv,), closures (rows,) and torques of the motors (nm,) at a state of step k."""
@@ -216,7 +228,7 @@ class PlainAlpha:
         known = max(np.max(np.abs(x), initial=0.0) for x in (a, motor_a))
         if np.max(np.abs(s - a), initial=0.0) > known:
             s = a.copy()
-        return Step(y.copy(), v.copy(), a, s, lam, self._balance(k, y, v, a, lam)[2])
+        return Step(y.copy(), v.copy(), a, s, lam, self.residual(k, y, v, a, lam)[2])
 
     def bent(self, now: Step, k: int) -> Step:
         """The state at step k, where motor accelerations bend: s goes on along the new slope.

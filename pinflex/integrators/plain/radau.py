@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.drive import MotorPath
+from pinflex.actuation.path import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation

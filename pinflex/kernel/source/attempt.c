@@ -5,6 +5,11 @@
 #include "newton.h"
 #include <stddef.h>
 
+#define NEARLY 0.02 /* of the length of a step that is cut once more: its factors serve */
+
+/* Whether the stages are those of the same step, which was longer or shorter by a little. */
+static int cut(const March *m) { return m->landing && m->solved > 0.0; }
+
 /* Inputs at the stages, and where the step starts. */
 void take_inputs(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
@@ -23,30 +28,44 @@ void take_inputs(const Tables *t, March *m, double h) {
   }
 }
 
+/* Weights (s,) of the nodes of a step at a place of its polynomials, a part of it. */
+static void weights(const March *m, double place, double *w) {
+  Int s = m->stages->s;
+  for (Int k = 0; k < s; k++) {
+    w[k] = 0.0;
+    for (Int p = s - 1; p >= 0; p--) w[k] = w[k] * place + m->basis[p * s + k];
+  }
+}
+
+static void moved(Int s, const double *weight, const double *from, Int n, double *to) {
+  for (Int j = 0; j < n; j++) {
+    double column[MOST_STAGES];
+    for (Int k = 0; k < s; k++) column[k] = from[k * n + j];
+    for (Int i = 0; i < s; i++) {
+      double sum = 0.0;
+      for (Int k = 0; k < s; k++) sum += weight[i * s + k] * column[k];
+      to[i * n + j] = sum;
+    }
+  }
+}
+
 /* Stages from the polynomials of the last step, continued: x_i = sum_k L_k(1 + h c_i / h_last) x_k,
-   or from the start. */
+   or from the start; of a step that is cut, from its own as long as it was. */
 static void predict(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
   Int s = st->s, nv = t->nv, rows = t->closures, last = m->count;
-  const double *a = m->steps.a + last * s * nv, *lam = m->steps.lam + last * s * rows;
-  for (Int i = 0; i < s; i++) {
-    double *to_a = st->a + i * nv, *to_lam = st->lam + i * rows;
-    if (!m->follows) {
-      copy(to_a, m->a, nv);
-      copy(to_lam, m->lam, rows);
-    } else {
-      double x = 1.0 + h / m->steps.h[last] * st->c[i];
-      for (Int j = 0; j < nv; j++) to_a[j] = 0.0;
-      for (Int j = 0; j < rows; j++) to_lam[j] = 0.0;
-      for (Int k = 0; k < s; k++) {
-        double w = 0.0;
-        for (Int p = s - 1; p >= 0; p--) w = w * x + m->basis[p * s + k];
-        for (Int j = 0; j < nv; j++) to_a[j] += w * a[k * nv + j];
-        for (Int j = 0; j < rows; j++) to_lam[j] += w * lam[k * rows + j];
-      }
-    }
-    for (Int k = 0; k < led(st); k++) to_a[st->motor_v[k]] = st->feed[i * st->motors + k];
+  int again = cut(m);
+  double w[MOST_STAGES * MOST_STAGES], over = again ? m->solved : m->steps.h[last];
+  if (again || m->follows) {
+    for (Int i = 0; i < s; i++)
+      weights(m, (again ? 0.0 : 1.0) + h / over * st->c[i], w + i * s);
+    moved(s, w, again ? st->a : m->steps.a + last * s * nv, nv, st->a);
+    moved(s, w, again ? st->lam : m->steps.lam + last * s * rows, rows, st->lam);
+  } else {
+    for (Int i = 0; i < s; i++) copy(st->a + i * nv, m->a, nv), copy(st->lam + i * rows, m->lam, rows);
   }
+  for (Int i = 0; i < s; i++)
+    for (Int k = 0; k < led(st); k++) st->a[i * nv + st->motor_v[k]] = st->feed[i * st->motors + k];
   for (Int j = 0; j < s * nv; j++) st->turn[j] = st->change[j] = 0.0;
 }
 
@@ -80,7 +99,7 @@ int factor(const Tables *t, March *m, double h) {
   Stages *st = m->stages;
   Int n = st->free, nv = t->nv, square = nv * nv;
   const double *M = m->tangent_at + m->tangent * tangent_width(t), *J = M + 3 * square;
-  if (fabs(m->factored_h - h) <= m->same_step * h) return 1;
+  if (fabs(m->factored_h - h) <= (cut(m) ? NEARLY : m->same_step) * h) return 1;
   for (Int i = 0; i < n; i++)
     for (Int j = 0; j < n; j++) {
       const double *at = M + st->free_at[i] * nv + st->free_at[j];
@@ -119,7 +138,9 @@ int attempt(const Tables *t, char *memory, March *m, double h) {
   st->h = h;
   take_inputs(t, m, h);
   predict(t, m, h);
+  m->solved = 0.0;
   if (!iterate(t, memory, m, &n)) return 0;
+  m->solved = h;
   m->stale = n.iteration > 0 && n.rate > m->slow;
   m->scale = fmax(fmax(m->scale, reached(t, st, &n)), 1e-300);
   for (Int i = 0; i < m->measured; i++) {

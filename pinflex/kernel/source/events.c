@@ -8,6 +8,7 @@
 
 /* Landed; tries; what a step may end off a border by, of what it began off it by and moved. */
 enum { TRIES = 12, HALVINGS = 60 };
+#define SHORT 0.05 /* of its length: so far from a border a step that was cut to end there goes on */
 #define NEAR(x) (1e-13 * (1.0 + fabs(x)))
 #define FAR(x) (1e-9 * (1.0 + fabs(x)))
 
@@ -103,6 +104,10 @@ int land(const Tables *t, char *memory, March *m, double size) {
   if (fabs(off) <= NEAR(border(t, m, k, side)) || m->landing > TRIES / 2) {
     m->speed = rate;
     return fabs(off) <= FAR(border(t, m, k, side)) ? LANDS : LOST;
+  }
+  if (z > 1.0 && fabs(off) > FAR(0.0) && !(fabs(off / rate) < SHORT * size)) {
+    m->landing = 0; /* what a longer step has met, a shorter one does not come to */
+    return PASSES;
   }
   m->size = size - fmin(fmax(off / rate, -0.5 * size), 0.5 * size);
   m->size = fmin(m->size, m->stop_at[m->stop] - m->t);

@@ -171,6 +171,7 @@ void kink_tangent(const Tables *t, const Work *w, const Lane *y, const Lane *v, 
 Lane kink_energy(const Tables *t, const Work *w, const Lane *y, int elastic);
 double kink_loss(const Tables *t, const Work *w, const double *y, const double *v);
 EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const double *Y, double *x);
+int hardens(const Tables *t, const Int *piece);
 void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const double *hit);
 
 /* closures.c, loads.c */

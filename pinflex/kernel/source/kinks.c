@@ -74,6 +74,13 @@ double kink_loss(const Tables *t, const Work *w, const double *y, const double *
   return loss;
 }
 
+/* Whether any law is in a piece that is not linear. */
+int hardens(const Tables *t, const Int *piece) {
+  for (Int k = 0; k < t->kinks; k++)
+    if (t->kink_piece[NUMBERS * (t->kink_at[k] + piece[k]) + POWER] != 1.0) return 1;
+  return 0;
+}
+
 /* Let a workspace keep to pieces; NULL: to those of the states. */
 void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const double *hit) {
   Work w;

@@ -61,6 +61,7 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   Steps *x = &m->steps;
   Int k = m->count + 1;
   double coarseness = x->coarseness[k], h = m->h;
+  int hard = hardens(t, m->piece);
   keep(t, memory, m, size);
   x->next[k] = m->h, x->ceiling[k] = m->ceiling, x->before[k] = m->before;
   x->refused[k] = m->refused, x->scale[k] = scale, x->number[k] = m->number;
@@ -68,11 +69,12 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   m->count = k;
   advance(t, m);
   if (!(m->idle_from < factor && factor < m->idle_to))
-    h = size * fmin(fmax(factor, 0.5), 3.0);
+    h = size * fmin(fmax(factor, 0.5), hard ? 1.5 : 3.0);
   m->ceiling *= m->growth;
   m->h = rounded(m, fmin(h, m->ceiling));
   m->before = coarseness;
-  m->refused = INFINITY, m->follows = 1, m->number++;
+  /* Where Hertz's law acts, polynomials that are continued miss its depth: Newton's iteration fails. */
+  m->refused = INFINITY, m->follows = !hard, m->number++;
   if (m->t < m->stop_at[m->stop] - m->shortest) return ON;
   m->t = m->stop_at[m->stop]; /* two that differ by round-off are one */
   Int kind = ON;
@@ -158,6 +160,7 @@ static int march(const Tables *t, char *memory, March *m) {
    has left its piece (EVENT). */
 EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
   keep_to_pieces(t, memory, m->piece, m->hit);
+  m->solved = 0.0;
   int end = march(t, memory, m);
   keep_to_pieces(t, memory, NULL, NULL);
   return end;

@@ -55,7 +55,7 @@ typedef struct {
   Int *start_pivot;
   double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
   double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
-  double factored_h, size;           /* s: of the factors, and of the step to come */
+  double factored_h, size, solved;   /* s: of the factors, of the step to come, of the stages at hand */
   double resolution, least, round_off, seen, open, slack, slow, same_step;
   double planned, speed;             /* length of a step before it was cut, s; rate of what it meets */
   double idle_from, idle_to, order, first, shortest, held, growth, patience;

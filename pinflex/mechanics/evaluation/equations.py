@@ -36,13 +36,13 @@ from pinflex.mechanics.evaluation.compiled import (
     serves,
 )
 from pinflex.mechanics.model.strain import Strain
-from pinflex.mechanics.model.system import System
 from pinflex.mechanics.reference.evaluator import Configuration, Reference
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.slider import Sleeve
+    from pinflex.mechanics.model.system import System
 
 
 # Rigid motions kept with their mechanism: whatever runs, compares or draws asks for the same.
@@ -87,9 +87,12 @@ class Followed:
         del found[most:]
 
 
-def share(one: Mechanism, other: Mechanism) -> None:
-    """Let a mechanism have the rigid motions of another one of the same file, where they agree."""
-    if _move_alike(one, other):
+def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
+    """Let a mechanism have the rigid motions of another one of the same file, where they agree.
+
+    `alike`: they are known to, for masses and springs alone are others.
+    """
+    if alike or _move_alike(one, other):
         known = one.followed
         vars(other)["followed"] = Followed(known.motions, [], known.solved, known.paths)
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
     from pinflex.mechanics.evaluation.compiled import Kinematics
     from pinflex.mechanics.evaluation.equations import Equations
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.loads import Attachment
 
 
@@ -54,9 +55,16 @@ class Frame:
         (v, w), (a, spin) = (
             x.reshape(-1, 2, 3).swapaxes(0, 1) for x in (at.J @ V, at.dJ @ V + at.J @ A)
         )
-        speed = v + np.cross(w, p)
-        linear = a + np.cross(spin, p) + np.cross(w, speed)
+        speed = v + _cross(w, p)
+        linear = a + _cross(spin, p) + _cross(w, speed)
         return speed, w, np.concatenate([linear, spin], axis=1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Products of vectors (n, 3); numpy's takes six times as long for a few of them."""
+    on, back = [1, 2, 0], [2, 0, 1]
+    found: Array = a[:, on] * b[:, back] - a[:, back] * b[:, on]
+    return found
 
 
 def frame_poses(system: Equations, y: Array, place: Attachment) -> tuple[Array, Array]:
@@ -120,23 +128,27 @@ class PlatformCoordinates:
         return np.column_stack([p, zyx_angles(R)])[:, self._columns]
 
     def _every(self, poses: Array) -> Array:
+        """Place and angles; the place alone where no angle is read."""
         R, p = self._frame.pose(poses)
-        return np.column_stack([p, zyx_angles(R)])
+        return np.column_stack([p, zyx_angles(R)]) if self.turning.any() else p
 
     def at(self, at: Kinematics) -> tuple[Array, Array]:
         """Values, shape (n, k), and Jacobian by velocity rows, shape (n, k, nv)."""
         every, J = self._every(at.poses), self._frame.jacobian(at)
-        J[:, 3:] = np.linalg.solve(euler_rates(every[:, 3:]), J[:, 3:])
+        if self.turning.any():
+            J[:, 3:] = np.linalg.solve(euler_rates(every[:, 3:]), J[:, 3:])
         return every[:, self._columns], J[:, self._columns]
 
     def bias(self, at: Kinematics) -> Array:
         """Second rates of the coordinates where accelerations are zero, shape (n, k)."""
-        B = euler_rates(self._every(at.poses)[:, 3:])
         _, w, swept = self._frame.rates(at)
+        if not self.turning.any():
+            return swept[:, self._columns]
+        B = euler_rates(self._every(at.poses)[:, 3:])
         rates = np.linalg.solve(B, w[:, :, None])[:, :, 0]
         z, y, x = (B[:, :, k] for k in range(3))
-        turned = rates[:, :1] * rates[:, 1:2] * np.cross(z, y)
-        turned += rates[:, 2:] * np.cross(rates[:, :1] * z + rates[:, 1:2] * y, x)
+        turned = rates[:, :1] * rates[:, 1:2] * _cross(z, y)
+        turned += rates[:, 2:] * _cross(rates[:, :1] * z + rates[:, 1:2] * y, x)
         swept[:, 3:] = np.linalg.solve(B, (swept[:, 3:] - turned)[:, :, None])[:, :, 0]
         return swept[:, self._columns]
 
@@ -169,12 +181,15 @@ class FrozenLinks:
     links and elastic joints give way with the least elastic energy.
 
     With a sleeve on a bent beam rates stay those of the rigid motion: there v^2 times the curvature
-    enters, which jumps between elements.
+    enters, which jumps between elements. Pins move with their holes: where they lie in them is what
+    an equilibrium is about, and the closures that clearance leaves would let some joints go.
     """
 
-    def __init__(self, dynamics: Equations, passive: IntArray, free: IntArray) -> None:
+    def __init__(self, dynamics: Equations, mechanism: Mechanism, free: IntArray) -> None:
         """Nothing is evaluated yet."""
-        system = dynamics.system
+        system, passive = mechanism.flexible, mechanism.rigid.free
+        if dynamics.system.closed.n != system.closed.n:
+            dynamics = type(dynamics)(system)
         self._dynamics, self._free, self._K = dynamics, passive, np.zeros((0, 0))
         if len(passive) != system.closed.n:
             self._free, springs, K = free, system.springs, system.K.copy()

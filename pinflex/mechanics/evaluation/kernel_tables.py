@@ -17,7 +17,7 @@ from pinflex.bodies.track import Series, Track
 from pinflex.description.blocks.external import FrameForce, FrameSpring
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
-from pinflex.mechanics.closure import Closures, CoupledRows
+from pinflex.mechanics.closure import Closures, Contact, CoupledRows
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.loads import (
     AddedMasses,
@@ -31,7 +31,7 @@ from pinflex.mechanics.model.loads import (
     Slot,
     Springs,
 )
-from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
+from pinflex.mechanics.model.slider import Segment, Sleeve
 from pinflex.mechanics.model.strain import BODIES, square_tables, strain_tables
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def sleeve_tables(closed: Closures, node_of: IntArray) -> dict[str, Any]:
         "sleeve_loop": [one.loop for one in contacts],
         "sleeve_passes": [len(sleeve.segments) > 0 for sleeve in each],
         "sleeve_at": _starts([len(one.rows) for one in contacts]),
-        "sleeve_row": np.concatenate([np.zeros(0), *(one.rows for one in contacts)]),
+        "sleeve_row": np.concatenate([one.rows for one in contacts]),
         "sleeve_sort": [_SORTS.index(sort) for sort, _ in sorts],
         "sleeve_axis": [_ACROSS[direction] for _, direction in sorts],
         "sleeve_frame": closed.local[on_b],
@@ -96,19 +96,15 @@ def _tracks(tracks: list[Track]) -> dict[str, Any]:
     made = [_entries(track) for track in tracks]
     breaks = [track.series.breaks for track in tracks]
     names = ("entry_row", "entry_i", "entry_j", "power")
-    none = np.zeros(0)
     return {
         "track_n": [track.n for track in tracks],
         "track_degrees": [track.series.powers.shape[1] for track in tracks],
         "entry_at": _starts([len(of[0]) for of in made]),
         "piece_at": _starts([len(x) - 1 for x in breaks]),
         "power_at": _starts([of[3].size for of in made]),
-        "piece_start": np.concatenate([none, *(x[:-1] for x in breaks)]),
-        "piece_half": np.concatenate([none, *(0.5 * np.diff(x) for x in breaks)]),
-        **{
-            name: np.concatenate([none, *(of[k].ravel() for of in made)])
-            for k, name in enumerate(names)
-        },
+        "piece_start": np.concatenate([x[:-1] for x in breaks]),
+        "piece_half": np.concatenate([0.5 * np.diff(x) for x in breaks]),
+        **{name: np.concatenate([of[k].ravel() for of in made]) for k, name in enumerate(names)},
     }
 
 
@@ -153,20 +149,7 @@ _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
 # another record, may be a term that the kernel lacks.
 SYSTEM = frozenset(
-    [
-        "rigid",
-        "expansion",
-        "closed",
-        "K",
-        "D",
-        "springs",
-        "motors",
-        "loads",
-        "held",
-        "friction",
-        "added",
-        "kinks",
-    ]
+    "rigid expansion closed K D springs motors loads held friction added kinks".split()
 )
 KNOWN: dict[type, frozenset[str]] = {
     record: frozenset(names.split())
@@ -273,11 +256,7 @@ def tables(system: System) -> Tables:
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
         **_twists(model, twists, node_of), **_map(expansion), **_blocks(expansion, nodes),
-        **_loops(closed, node_of), **sleeve_tables(closed, node_of),
-        **_couplings(closed.coupled, model),
-        "added_node": node_of[list(system.added.joints)], "added_inertia": system.added.inertia,
-        **strain_tables(system), **_loads(system.loads, node_of), **_joint_springs(system),
-        **_friction(system.friction), **system.kinks.tables(len(system.loads.springs)),
+        **_loops(closed, node_of), **strain_tables(system), **_beside(system, node_of),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
@@ -289,12 +268,32 @@ def tables(system: System) -> Tables:
         "springs": len(system.loads.springs), "dampers": dampers,
         "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
         "blocks": len(arrays["block_depth"]), "couplings": len(closed.coupled.rows),
-        "added": len(system.added.joints), "bent": len(arrays["bent_n"]),
-        "sleeves": len(closed.contacts), "tracks": len(arrays["track_n"]),
-        "squares": len(arrays["square_eta"]), "kinks": len(system.kinks.rows),
+        "added": len(system.added.joints), "bent": len(arrays.get("bent_n", ())),
+        "sleeves": len(closed.contacts), "tracks": len(arrays.get("track_n", ())),
+        "squares": len(arrays.get("square_eta", ())), "kinks": len(system.kinks.rows),
         "touches": len(system.loads.touches),
     }  # fmt: skip
     return Tables(counts, arrays)
+
+
+def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
+    """Tables of what many systems have none of."""
+    loads, closed, added, found = system.loads, system.closed, system.added, dict[str, Any]()
+    if closed.contacts:
+        found |= sleeve_tables(closed, node_of)
+    if len(closed.coupled.rows):
+        found |= _couplings(closed.coupled, system.expansion.model)
+    if added.joints:
+        found |= {"added_node": node_of[list(added.joints)], "added_inertia": added.inertia}
+    if loads.present:
+        found |= _loads(loads, node_of)
+    if len(system.springs.v_at):
+        found |= _joint_springs(system)
+    if system.friction.present:
+        found |= _friction(system.friction)
+    if system.kinks.rows or loads.springs:
+        found |= system.kinks.tables(len(loads.springs))
+    return found
 
 
 def _loaded(loads: Loads) -> list[int]:

@@ -18,7 +18,6 @@ from pinflex.errors import AssemblyError
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.arrays import Array, IntArray
     from pinflex.bodies.basis import FlexibleBody
     from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring
     from pinflex.description.blocks.joints import Friction

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +19,6 @@ from pinflex.arrays import Array
 from pinflex.bodies.basis import FlexibleBody, flexible_body
 from pinflex.description.blocks import material as solid_keys
 from pinflex.description.blocks.flexible import FlexibleLink
-from pinflex.description.description import Description
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.evaluation.compiled import require_memory
 from pinflex.mechanics.model import tree
@@ -34,6 +34,9 @@ from pinflex.mechanics.model.planes import (
 )
 from pinflex.mechanics.model.tree import Link, Rider
 from pinflex.text import brief
+
+if TYPE_CHECKING:
+    from pinflex.description.description import Description
 
 # Slips of units, told by proportions that no robot has: millimetres for metres, tonnes for grams.
 #

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -14,9 +15,11 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
-from pinflex.description.description import Description
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import Link
+
+if TYPE_CHECKING:
+    from pinflex.description.description import Description
 
 # Where the beam of a flexible link begins and ends, its frame, and whether it carries a load.
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,9 +34,11 @@ from pinflex.mechanics.evaluation.frames import Frame, frame_pose
 from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.planes import LeftOut, undecided
-from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import Link
 from pinflex.mechanics.reference.evaluator import falling
+
+if TYPE_CHECKING:
+    from pinflex.mechanics.model.system import System
 
 NEGLIGIBLE = 1e-3
 _HELD = 1e-9  # of the stretch of a single beam: a compliance below is round-off

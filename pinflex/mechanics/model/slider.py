@@ -30,17 +30,17 @@ the transposed Jacobian.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import pinocchio as pin
 
 from pinflex.bodies.track import Sections, Track, track
 from pinflex.errors import DescriptionError
+from pinflex.mechanics.closure import ACROSS
 from pinflex.text import brief
 
 if TYPE_CHECKING:
-    from pinflex.arrays import Array, IntArray
     from pinflex.description.loops import Loop
     from pinflex.mechanics.model.loads import Attachment, Expansion, Slot
     from pinflex.mechanics.model.parts import FlexiblePart
@@ -56,7 +56,6 @@ _LABELS = {
     "twist": "rotation about the beam",
 }
 _ACROSS = {"v": "y", "w": "z"}
-ROWS = (1, 2, 5)  # v, w and the twist, of the rows of a section
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,44 +110,10 @@ class Sleeve:
         ]
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """The rows of one sleeve among all closure rows.
-
-    Attributes:
-        sleeve: What it holds. loop: Its number. rows: One for each of the sleeve's sorts.
-        supports: 1 where a velocity row moves a segment's root, shape (segments, nV).
-        on: Segment that the rows are written for.
-    """
-
-    sleeve: Sleeve
-    loop: int
-    rows: IntArray
-    supports: Array | None = None
-    on: int = 0
-
-    def select(self, renumber: IntArray) -> Contact:
-        """The same with the rows kept; `renumber` holds -1 for the others."""
-        kept = renumber[self.rows] >= 0
-        sorts = tuple(s for s, keep in zip(self.sleeve.sorts, kept, strict=True) if keep)
-        sleeve = replace(self.sleeve, sorts=sorts)
-        return replace(self, sleeve=sleeve, rows=renumber[self.rows[kept]])
-
-
-def sleeves(
-    loops: Sequence[Loop], parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
-) -> dict[str, Sleeve]:
-    """The sleeves of a description on a rigid or an expanded model, by loop."""
-    return {
-        loop.name: _sleeve(loop, parts, expansion, f"{where}: loops.{loop.name}")
-        for loop in loops
-        if loop.kind == "slider"
-    }
-
-
-def _sleeve(
+def sleeve(
     loop: Loop, parts: Mapping[str, FlexiblePart], expansion: Expansion, where: str
 ) -> Sleeve:
+    """The sleeve of a loop on a rigid or an expanded model."""
     part = _beam(loop, parts, where)
     size = (part.link, part.placement, part.length, 0.5 * loop.sleeve)
     slots = [s for s in expansion.slots if s.link == part.link]
@@ -157,7 +122,7 @@ def _sleeve(
         return Sleeve(*size, sorts, None, slice(0, 0))
     if len(slots) > 1:
         return Sleeve(*size, sorts, None, slice(0, 0), _segments(slots))
-    return Sleeve(*size, sorts, track(slots[0].body, ROWS, False), slots[0].eta)
+    return Sleeve(*size, sorts, track(slots[0].body, ACROSS, False), slots[0].eta)
 
 
 def _segments(slots: Sequence[Slot]) -> tuple[Segment, ...]:

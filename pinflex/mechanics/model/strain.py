@@ -77,10 +77,12 @@ def strain_tables(system: System) -> dict[str, Any]:
     """Where links are free of stress; rows of slope and bend of those that bend far, by points."""
     links = [(slot.eta.start, slot.body.curvature) for slot in system.expansion.slots]
     bent = [(first, one) for first, one in links if one is not None]
-    shapes = np.array([one.slope.shape for _, one in bent], dtype=np.intp).reshape(-1, 3)
+    if not bent:
+        return {"rest": at_rest(system)}
+    shapes = np.array([one.slope.shape for _, one in bent], dtype=np.intp)
 
     def flat(rows: list[Array]) -> Array:
-        return np.concatenate([np.zeros(0), *(x.transpose(1, 0, 2).ravel() for x in rows)])
+        return np.concatenate([x.transpose(1, 0, 2).ravel() for x in rows])
 
     return {
         "rest": at_rest(system),
@@ -90,7 +92,7 @@ def strain_tables(system: System) -> dict[str, Any]:
         "bent_point": np.concatenate([[0], np.cumsum(shapes[:, 1])]),
         "bent_slope": flat([one.slope for _, one in bent]),
         "bent_bend": flat([one.bend for _, one in bent]),
-        "bent_weight": np.concatenate([np.zeros(0), *(one.weight for _, one in bent)]),
+        "bent_weight": np.concatenate([one.weight for _, one in bent]),
     }  # fmt: skip
 
 
@@ -146,15 +148,18 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
                 eta += [start] * len(found.psi)
                 width += [n] * len(found.psi)
             above += count
-    none = np.zeros(0)
-    return {
+    rows_of: dict[str, Any] = {
         "g_rest": rest,
         "sum_at": np.concatenate([[0], np.cumsum(counts)]),
         "sum_from": first,
-        "sum": np.concatenate([none, *weight]),
+    }
+    if not eta:
+        return rows_of
+    return rows_of | {
+        "sum": np.concatenate(weight),
         "square_at": np.concatenate([[0], np.cumsum(width, dtype=np.intp)]),
         "square_eta": eta,
-        "square": np.concatenate([none, *psi]),
+        "square": np.concatenate(psi),
     }
 
 

@@ -17,7 +17,12 @@ from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Expansion, L
 from pinflex.text import brief
 
 if TYPE_CHECKING:
+    from pinflex.description.loops import Loop
     from pinflex.mechanics.closure import Closures
+
+
+def _none() -> IntArray:
+    return np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,7 @@ class System:
     springs: Springs
     motors: IntArray
     loads: Loads
-    held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    held: IntArray = field(default_factory=_none)
     friction: DryFriction = field(default_factory=DryFriction)
     added: AddedMasses = field(default_factory=AddedMasses)
     kinks: Kinks = field(default_factory=Kinks)
@@ -157,3 +162,26 @@ class System:
     def spares(self) -> Spares:
         """Workspaces of the compiled kernel that the next run finds ready."""
         return Spares()
+
+
+@dataclass(frozen=True)
+class Idle:
+    """What is idle, and how it is held.
+
+    Attributes:
+        spins: Closures of kind "spin", one for each rod between balls.
+        rows: Velocity rows of other idle coordinates. loose: Those with inertia, which level
+            coupled lets go. base: Rows of a free base.
+        names: For reports.
+    """
+
+    spins: tuple[Loop, ...] = ()
+    rows: IntArray = field(default_factory=_none)
+    loose: IntArray = field(default_factory=_none)
+    base: IntArray = field(default_factory=_none)
+    names: tuple[str, ...] = ()
+
+    @property
+    def held(self) -> IntArray:
+        """Rows that all levels but coupled hold."""
+        return np.union1d(self.rows, self.base).astype(np.intp)

@@ -15,17 +15,17 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.beam import damping
 from pinflex.description.blocks.flexible import EndMass, FlexibleLink
 from pinflex.description.blocks.joints import JointExtra
-from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.model.loads import Springs
 from pinflex.text import brief
 
 if TYPE_CHECKING:
+    from pinflex.bodies.basis import FlexibleBody
     from pinflex.description.blocks.external import Payload
+    from pinflex.description.description import Description
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from pinflex.mechanics.reference.closures import LoadState, Moves
 from pinflex.mechanics.reference.sleeves import Jet, joined
 
 if TYPE_CHECKING:
-    from pinflex.arrays import Array, IntArray
+    from pinflex.arrays import IntArray
     from pinflex.mechanics.closure import Closures
     from pinflex.mechanics.model.system import System
 

@@ -25,11 +25,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.mechanics.model.slider import ROWS
+from pinflex.mechanics.closure import ACROSS
 
 if TYPE_CHECKING:
     from pinflex.bodies.track import Track
-    from pinflex.mechanics.model.slider import Contact, Segment, Sleeve
+    from pinflex.mechanics.closure import Contact
+    from pinflex.mechanics.model.slider import Segment, Sleeve
 
 
 # Arrays with their first and, if wanted, second derivatives by m variables.
@@ -422,12 +423,12 @@ def _line(contact: Contact, p: Jet, eta: Jet) -> _Bent | Curve:
 def _deflections(track: Track, X: Jet, eta: Jet, half: float) -> tuple[Jet, Array]:
     """g, and its derivative by X alone, shape (9,)."""
     parts, slopes = [], []
-    for row in ROWS[:2]:
+    for row in ACROSS[:2]:
         at = [(shift * half, 0) for shift in (-1.0, 0.0, 1.0)] + [(0.0, 1)]
         parts += [section(track, X.plus(shift), eta, [row], order)[0] for shift, order in at]
         slopes += [section(track, X.plus(x), eta, [row], order + 1)[0].value for x, order in at]
-    parts.append(section(track, X, eta, [ROWS[2]], 0)[0])
-    slopes.append(section(track, X, eta, [ROWS[2]], 1)[0].value)
+    parts.append(section(track, X, eta, [ACROSS[2]], 0)[0])
+    slopes.append(section(track, X, eta, [ACROSS[2]], 1)[0].value)
     return stacked(parts), np.array(slopes)
 
 

@@ -255,11 +255,7 @@ _DIGITS = 1e-8  # relative or absolute; nine digits are written
 
 
 def with_home(text: str, values: Mapping[str, float | list[float]], file: str) -> str:
-    """The text with the block `home` replaced, or appended where there is none.
-
-    Raises:
-        DescriptionError: The block cannot be told from the rest (anchors shared with other blocks).
-    """
+    """The text with the block `home` replaced, or appended where there is none."""
     before = yaml_text.load(text, file)
     changed = _changed(text, values, before)
     if not _only_home_differs(changed, before, values, file):

@@ -10,16 +10,17 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion
-from pinflex.inversion.command import Command
-from pinflex.inversion.verify import Followed
-from pinflex.quickest.baselines import Baseline
-from pinflex.quickest.fastest import Fastest
 from pinflex.results.result import Result
 from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from pinflex.inversion.command import Command
+    from pinflex.inversion.verify import Followed
+    from pinflex.quickest.baselines import Baseline
+    from pinflex.quickest.fastest import Fastest
 
 
 _TINY = 1e-10  # m: below it a distance is round-off

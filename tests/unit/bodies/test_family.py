@@ -18,6 +18,7 @@ from pinflex.bodies.family import (
     quadrature,
     sines,
 )
+from pinflex.description.blocks.flexible import BOUNDARIES
 from pinflex.errors import DescriptionError
 
 # Roots b L (Blevins 1979; benchmarks A), to the digits printed.
@@ -185,14 +186,14 @@ def test_one_slender_shear_element_does_not_lock(make: str) -> None:
     assert tip @ np.linalg.solve(K, tip) == pytest.approx(1 / 3 + ratio, rel=1e-8)
 
 
-@pytest.mark.parametrize("boundary", beam_modes.BOUNDARIES)
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_roots_agree_with_the_table(boundary: str) -> None:
     found = beam_modes.roots(boundary, 60)
     np.testing.assert_allclose(found[:4], TABLE[boundary], rtol=3e-9)  # printed digits
     assert np.all(np.abs(np.diff(found[5:]) - np.pi) < 1e-6)  # none missed, none twice
 
 
-@pytest.mark.parametrize("boundary", beam_modes.BOUNDARIES)
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_fifty_modes_are_orthonormal_and_meet_their_boundary_conditions(boundary: str) -> None:
     L = 0.5
     with warnings.catch_warnings():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pinflex.solver.step_length import default_step
+from pinflex.levels.modes import default_step
 from tests.scenes import UNIT_BEAM, Body, load
 
 THIRD = 7.85475744**2 / (2.0 * math.pi)  # Hz: cos x cosh x = -1, with EI = rho A = L = 1

@@ -107,6 +107,21 @@ def test_what_two_mechanisms_share_changes_no_bit(
         np.testing.assert_array_equal(again.array(key), fresh.array(key))
 
 
+def test_another_motion_takes_the_same_model_and_is_judged_anew() -> None:
+    """What `auto` leaves out is decided for each motion, of a model that is put together once."""
+    robot = pf.load("delta")
+    changes = {"motion.platform.z": 0.05, "motion.duration": 0.1, "solve.until": 0.1}
+    fresh, again = pf.load("delta", assignments(changes)), robot.with_(changes)
+    assert again.flexible is robot.flexible
+    shares = [{k: part.left_out for k, part in x.parts.items()} for x in (fresh, again, robot)]
+    assert shares[0] == shares[1] != shares[2]
+    thicker = {"flexible.arm_?.section.wall": 3e-3}
+    assert robot.with_(thicker).flexible is not robot.flexible
+    options = {"level": "coupled", "dt": 1e-3, "until": 0.02, "samples": 6}
+    torque = [pf.solve(x, **options).torque for x in (fresh, again)]
+    np.testing.assert_array_equal(torque[0], torque[1])
+
+
 def test_a_measure_of_ones_own_and_starts(fourbar: pf.Mechanism) -> None:
     """Starts off equilibrium: the run begins where it is told to."""
     y = fourbar.undeformed()
