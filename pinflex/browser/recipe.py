@@ -109,10 +109,10 @@ def _weights() -> Array:
     return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
 
 
-# A table of a motion in half of its numbers: accelerations at nodes, and the start of each piece.
+# A table of a motion in half of its numbers: accelerations, and where each piece begins.
 
 _DIGITS = 2.0**-33  # of the largest acceleration: it has been differenced, and has no more
-_AGAIN = 1e-9  # of the largest value: what a table that is made again may be off by
+_AGAIN = (1e-13, 1e-11, 1e-9)  # of the largest value: what positions and rates may be off by then
 
 
 def _folded(table: Table, motors: int) -> dict[str, Array] | None:
@@ -121,8 +121,8 @@ def _folded(table: Table, motors: int) -> dict[str, Array] | None:
     start: Position and velocity where each piece begins, shape (pieces, 2, motors). a: Shape
     (pieces, nodes, motors). once, twice: Integrals over the nodes from -1 on, shape (nodes, nodes).
     """
-    node, half, value = table.node, table.half, table.value
-    if not len(half) or value.shape[2] != 3 * motors:
+    node, half, value = table.node, table.half, table.value[..., : 3 * motors]
+    if not len(half) or np.any(table.value[..., 3 * motors :] != 1.0):  # shares of loads
         return None
     n = len(node)
     basis = np.linalg.inv(np.polynomial.chebyshev.chebvander(node, n - 1))
@@ -138,8 +138,8 @@ def _folded(table: Table, motors: int) -> dict[str, Array] | None:
     v0 = (v - h * (once @ a)).mean(axis=1, keepdims=True)
     x0 = (x - h * (node[:, None] + 1.0) * v0 - h * h * (twice @ a)).mean(axis=1, keepdims=True)
     again = x0 + h * (node[:, None] + 1.0) * v0 + h * h * (twice @ a), v0 + h * (once @ a), a
-    for made, wanted in zip(again, (x, v, value[..., 2 * motors :]), strict=True):
-        if np.abs(made - wanted).max() > _AGAIN * np.abs(wanted).max(initial=0.0):
+    for made, wanted, off in zip(again, (x, v, value[..., 2 * motors :]), _AGAIN, strict=True):
+        if np.abs(made - wanted).max() > off * np.abs(wanted).max(initial=0.0):
             return None
     return {"start": np.concatenate([x0, v0], axis=1), "a": a, "once": once, "twice": twice}
 
@@ -512,9 +512,9 @@ def _laid_out(
     return Recipe(image, header)
 
 
-def _fold(image: Image, table: Table, kept: _Kept, motors: int) -> dict[str, Any] | None:
+def _fold(image: Image, table: Table | None, kept: _Kept, motors: int) -> dict[str, Any] | None:
     """Leave the table out of the image, which has it at every march; what it is made again of."""
-    found = _folded(table, motors)
+    found = None if table is None else _folded(table, motors)
     if found is None:
         return None
     at = [image.names[f"{k}/in/value"] for k in range(3)]

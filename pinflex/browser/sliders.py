@@ -76,8 +76,8 @@ class Change:
     """What a slider does to arrays: entries by array, and values of these at the nodes.
 
     Attributes:
-        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries; a column may have
-            any constant added).
+        kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries; any
+            constant may be added to a column).
         entries, values: By array. error: Largest one between the nodes, relative to the array.
     """
 

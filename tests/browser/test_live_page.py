@@ -22,16 +22,17 @@ import pytest
 import pinflex as pf
 from pinflex.browser.page import live_comparison
 from pinflex.kernel.build import zig
+from pinflex.viewer.scene import build_scene
 from tests.browser.chromium import CHROMIUM, DRIVER
 from tests.browser.places import apart as places_apart
 from tests.browser.places import violations
 from tests.browser.trying import TOL, differences, moved, opened, same_steps, somewhere, until
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
-# Torque by the native kernel in the same steps, of its largest. Steps are the same to the last
-# digit (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a wall or a
-# thickness changes, tables are interpolated: what is told of them is their worst entry. Seen at 20
-# places each: 5.4e-12, 4.6e-11 without the wall, 1.7e-9 with one.
+# Torque and platform by the native kernel in the same steps, of their largest. Steps are the same
+# to the last digit (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a
+# wall or a thickness changes, tables are interpolated, and what is told of them is their worst
+# entry. The table of delta's platform motion is made again of rounded accelerations (1.2e-10).
 SAME = {"ur5": 1e-9, "delta": 1e-8, "3rrr": 1e-8}
 
 
@@ -58,7 +59,10 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
     settings = somewhere(browser, rng)
-    assert len(settings) == 3 + (model != "ur5")  # payload, speed, damping; thickness, wall
+    # payload, speed, damping; shaper, if the move stops; thickness, wall
+    assert len(settings) == 4 + (model != "3rrr")
+    if model == "ur5":
+        settings["wall of forearm_link"] = 1.0  # all others enter directly
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
     t = np.array(found["t"])
@@ -81,7 +85,7 @@ def test_tables_of_the_page_are_those_of_the_command_line(pages, browser):
     """Where every table is a straight line of its slider nothing is told of tables, and rightly."""
     opened(browser, pages("ur5"))
     kinds = browser.run("return pinflex.live.sliders.map((s) => s.name)")
-    assert kinds[:3] == ["payload", "speed", "damping"]
+    assert kinds[:4] == ["payload", "speed", "shaper", "damping"]
     found = moved(browser, {"payload": 1.0, "speed": 2.0, "damping": 3.0})
     # 2.0 is exact in binary: the page's overrides are those that anybody would type
     assert "motion.duration=0.25" in found["overrides"]
@@ -130,6 +134,33 @@ def test_sliders_answer_to_keys_and_reset(browser, pages):
     assert browser.run("return pinflex.live.commandLine()") == (
         "pinflex solve ur5 --level coupled --tol 0.001"
     )
+
+
+def test_an_input_shaper_is_switched_on_and_off(browser, pages):
+    """What it is there for: the tool rings less after the stop; and the rigid robot moves along."""
+    opened(browser, pages("ur5"))
+    plain = moved(browser, {"shaper": 0})
+    shaped = moved(browser, {"shaper": 1})
+    (override,) = shaped["overrides"]
+    mechanism = pf.load("ur5", [override])
+    t = np.array(shaped["t"])
+    found = differences(shaped, same_steps(mechanism, t), mechanism)
+    assert found["torque"] < SAME["ur5"]
+    rigid = {level: pf.solve(pf.load("ur5", shaping), level="rigid", samples=len(t)) for level,
+             shaping in (("plain", []), ("shaped", [override]))}  # fmt: skip
+    after = t > 0.55  # both moves have stopped
+
+    def ringing(got: dict[str, Any], of: str) -> float:
+        path = np.array(got["position"]).reshape(-1, 3) - rigid[of].frames["tool0"].position
+        return float(np.ptp(path[after], axis=0).max())
+
+    assert ringing(shaped, "shaped") < 0.02 * ringing(plain, "plain")  # 0.004 by `pf.solve`
+    k = len(t) // 3  # the rigid robot is behind the one without a shaper, and is drawn there
+    browser.run("pinflex.seek(arguments[0]); pinflex.set({mag: 0})", t[k])
+    drawn = browser.centreline("forearm_link")[0]
+    run = pf.solve(mechanism, level="quasistatic", samples=len(t))
+    forearm = next(x for x in build_scene(run)["links"] if x["name"] == "forearm_link")
+    assert np.abs(drawn - forearm["rigid"][k][0]).max() < 1e-5  # [m] single precision, of a metre
 
 
 def test_sliders_of_a_comparison_change_its_coupled_run(browser, tmp_path, pages):

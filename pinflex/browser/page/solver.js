@@ -24,12 +24,12 @@ class Solver {
   /* The table of the motion out of accelerations and beginnings of its pieces (recipe.py). */
   unfold({values, motors: m, ...numbers}, line) {
     const {start, a, once, twice} = Object.fromEntries(Object.entries(numbers).map(([name, k]) => [name, this.array(k, line)]));
-    const n = Math.sqrt(once.length), half = this.array(this.header.names["0/in/half"], line), node = this.array(this.header.names["0/in/node"], line), tables = values.map((k) => this.array(k, line));
+    const n = Math.sqrt(once.length), half = this.array(this.header.names["0/in/half"], line), node = this.array(this.header.names["0/in/node"], line), tables = values.map((k) => this.array(k, line).fill(1)), {columns} = this.header.counts;
     half.forEach((h, p) => {
       for (let k = 0; k < n; k++) for (let i = 0; i < m; i++) {
         let v = 0, x = 0;
         for (let j = 0; j < n; j++) { const b = a[(p * n + j) * m + i]; v += once[k * n + j] * b; x += twice[k * n + j] * b; }
-        const x0 = start[2 * p * m + i], v0 = start[(2 * p + 1) * m + i], row = 3 * m * (p * n + k) + i;
+        const x0 = start[2 * p * m + i], v0 = start[(2 * p + 1) * m + i], row = columns * (p * n + k) + i;
         for (const to of tables) { to[row] = x0 + h * (node[k] + 1) * v0 + h * h * x; to[row + m] = v0 + h * v; to[row + 2 * m] = a[(p * n + k) * m + i]; }
       }
     });

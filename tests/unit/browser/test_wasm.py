@@ -39,7 +39,7 @@ def test_residuals_of_webassembly_are_the_native_ones(model, tmp_path):
     mechanism = pf.load(model)
     scene = live_scene(mechanism)
     made = recipe(scene, 1e-3, np.linspace(0.0, 0.1, 5))
-    header, values = laid_out(made.image)
+    (header,), values = laid_out([made.image])
     dynamics = scene.equations()
     system, rng = dynamics.system, np.random.default_rng(4)
     y = np.tile(scene.start.y, (7, 1))
