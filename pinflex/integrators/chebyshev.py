@@ -45,13 +45,6 @@ class PiecewiseChebyshev:
         """The n + 1 points of each piece, with an n of its own, one piece after the other."""
         return np.concatenate([self.nodes(m)[k] for k, m in enumerate(n)])
 
-    def coarser(self, values: Array) -> Array:
-        """Values at the nodes, (pieces, n + 1, width), without the last two Chebyshev polynomials.
-
-        What a smooth function loses so is more than what its polynomial of degree n misses.
-        """
-        return values - self.last_two(values)
-
     def last_two(self, values: Array) -> Array:
         """What the last two Chebyshev polynomials of values (..., n + 1, width) are there."""
         n = values.shape[-2] - 1
@@ -255,11 +248,6 @@ class Varying:
         values = np.tile(self.constant[at], (len(self.values), 1))
         values[:, numbers >= 0] = self.values[:, numbers[numbers >= 0]]
         return values
-
-
-def together(parts: Sequence[Varying], grid: Interpolation, at: slice | IntArray) -> list[Array]:
-    """Several matrices at steps, shape (steps, ...) each."""
-    return [x.along(grid, at) for x in parts]
 
 
 def varying(x: Array) -> Varying:

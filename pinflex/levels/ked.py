@@ -21,7 +21,7 @@ from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, Ending
-from pinflex.integrators.chebyshev import Interpolation, Varying, together
+from pinflex.integrators.chebyshev import Interpolation, Varying
 from pinflex.integrators.collocation import (
     Alpha,
     AlphaScheme,
@@ -92,7 +92,7 @@ def forces_along(
     for start in range(0, len(force), each):
         s = slice(start, min(start + each, len(force)))
         steps = slice(s.start * every, s.stop * every, every)
-        M, C, K, J, r = together(parts, grid, steps)
+        M, C, K, J, r = (x.along(grid, steps) for x in parts)
         d, v, a, lam = (x[s, :, None] for x in response)
         force[s] = r + (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
     return force
@@ -136,7 +136,7 @@ class LinearMarch:
 
     def instant(self, k: int, load: Array) -> Instant:
         """The system at a step, under a load (n,)."""
-        M, C, K, J = (x[0] for x in together(self.parts, self.grid, slice(k, k + 1)))
+        M, C, K, J = (x.along(self.grid, slice(k, k + 1))[0] for x in self.parts)
         return Instant(M, C, K, load, J)
 
     def __call__(self, load: Array, start: Array) -> Response:

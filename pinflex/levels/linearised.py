@@ -23,7 +23,6 @@ from pinflex.integrators.chebyshev import (
     Interpolation,
     PiecewiseChebyshev,
     Varying,
-    together,
 )
 from pinflex.integrators.collocation import Instant
 from pinflex.kernel.evaluate import entries_of, linear_systems
@@ -202,7 +201,7 @@ class InterpolatedPath:
         number = k // _CHUNK
         if self._chunk[0] != number:
             steps = slice(number * _CHUNK, (number + 1) * _CHUNK)
-            self._chunk = number, together(self.parts, self.grid, steps)
+            self._chunk = number, [x.along(self.grid, steps) for x in self.parts]
         return Matrices(*(x[k % _CHUNK] for x in self._chunk[1]))
 
 

@@ -110,7 +110,9 @@ class Equilibria:
         Samples at corners are balanced themselves.
         """
         path, pieces = self._path, self._pieces
-        both = np.concatenate([self._values, pieces.coarser(self._values)], axis=2)
+        # What a smooth function loses without its last two polynomials is more than it misses.
+        coarser = self._values - pieces.last_two(self._values)
+        both = np.concatenate([self._values, coarser], axis=2)
         fine, coarse = np.split(pieces.between(both, path.t), 2, axis=1)
         at = pieces.at_corner(path.t)
         fine[at] = coarse[at] = self._solve(path.at(at), fine[at])

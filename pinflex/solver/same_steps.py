@@ -113,7 +113,11 @@ class SameSteps:
         if not self.stepped:
             spec = replace(scene.spec, tol=None)
             return LEVELS[self.level](replace(scene, spec=spec), t, None)
-        ends = np.interp(_halved(self.ends) if halved else self.ends, self.marks, marks)
+        ends = self.ends
+        if halved:
+            begins = np.concatenate([[0.0], ends[:-1]])
+            ends = np.column_stack([0.5 * (begins + ends), ends]).ravel()
+        ends = np.interp(ends, self.marks, marks)
         if self.linear:
             spec = replace(scene.spec, tol=None, dt=float(marks[-1]))
             grid = np.linspace(0.0, ends[-1], len(ends) + 1)
@@ -129,9 +133,3 @@ def _marks(scene: Scene) -> Array:
     system = scene.mechanism.flexible if scene.spec.level != "rigid" else scene.mechanism.rigid
     inner = [x for x in breaks(motion, system.loads) if x < end * (1.0 - _AFTER)]
     return np.array([0.0, *inner, end])
-
-
-def _halved(ends: Array) -> Array:
-    """Ends of steps half as long."""
-    begins = np.concatenate([[0.0], ends[:-1]])
-    return np.column_stack([0.5 * (begins + ends), ends]).ravel()

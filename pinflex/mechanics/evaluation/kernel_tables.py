@@ -327,10 +327,6 @@ def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], lis
     return nodes, points, twists
 
 
-def _row(model: pin.Model, joint: int) -> int:
-    return int(model.joints[joint].idx_v)
-
-
 def _kind(joint: Any) -> tuple[int, Sequence[float]]:
     name = joint.shortname().removeprefix(_PREFIX)
     if name in _JOINTS:
@@ -347,7 +343,7 @@ def _kind(joint: Any) -> tuple[int, Sequence[float]]:
 def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:
     return {
         f"{prefix}_q": [int(model.joints[j].idx_q) for j in joints],
-        f"{prefix}_v": [_row(model, j) for j in joints],
+        f"{prefix}_v": [int(model.joints[j].idx_v) for j in joints],
     }
 
 
