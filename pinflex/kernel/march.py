@@ -441,7 +441,6 @@ class MarchKernel:
     Attributes:
         at: The C structure: where the run is, its settings and counts.
         steps: Arrays of the steps by name, shape (capacity + 1, ...).
-        tangents: M, C, K and J of each tangent, flat.
         y, v, a, lam, torque: The state that the next step starts from.
         input: Inputs of the stages, shape (s, columns), where they are given.
         piece, hit: Of laws of pieces, that each is in, and the speed it came there with, (kinks,).
@@ -485,7 +484,7 @@ class MarchKernel:
         self.size = sum(block.size for block in self._keep)
         self.steps, self.integers = of_steps.arrays, integers.arrays
         at = numbers.arrays
-        self.tangents, self.input = at["tangent_at"], at["input"]
+        self.input = at["input"]
         self.y, self.v, self.a, self.lam, self.torque = (at[name] for name in _STATE)
         self.piece, self.hit = self.integers["piece"], at["hit"]
         own = ("measured_at", "kind", "start_pivot", "piece")

@@ -216,8 +216,8 @@ void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, cons
                     const Lane *lam, const Lane *scale, Lane *r, Lane *c);
 
 /* What of a tangent is wanted: without the rates of second-order rows, with them, and so within the blocks
-   of a chain alone, where M, C and K outside are not written. */
-enum { WITHOUT_RATES, WITH_RATES, WITHIN_BLOCKS };
+   of a chain alone, where M, C and K outside are not written, or M and J alone (not of added masses). */
+enum { WITHOUT_RATES, WITH_RATES, WITHIN_BLOCKS, MASS };
 
 /* residual.c: of states row by row, and derivatives at one of them. motion: M, C, K and J one after the
    other, residual and second derivatives of the closures at one. */
@@ -232,6 +232,11 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
 EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
                            const double *a, const double *lam, const double *scale,
                            double *matrices, double *r, double *rates);
+
+/* The same of the matrices that are wanted, in their places. */
+void motion(const Tables *t, char *memory, Int wanted, const double *y, const double *v,
+            const double *a, const double *lam, const double *scale, double *matrices, double *r,
+            double *rates);
 
 /* Columns of a block, and the lanes that numbers take. */
 static inline Int columns_of(const Tables *t, Int block) {

@@ -68,8 +68,8 @@ static Int first_lane(const Tables *t, const Path *w, Int block) {
   return w->within ? t->block_depth[block] / LANES : 0;
 }
 
-void begin_paths(const Tables *t, Path *w, Int within) {
-  w->end = -1, w->within = within;
+void begin_paths(const Tables *t, Path *w, Int wanted) {
+  w->end = -1, w->within = wanted == WITHIN_BLOCKS, w->mass = wanted == MASS;
   for (Int b = 0; b < t->blocks; b++) {
     Int n = columns_of(t, b), length = row_lanes(t, b), first = first_lane(t, w, b);
     Lane *row = w->rows + w->rows_at[b];
@@ -94,8 +94,9 @@ static void go_on(const Tables *t, Tangent *w, Int node) {
       Lane x = *(Lane *)(w->x + from), dx = *(Lane *)(w->dx + from), ddx = *(Lane *)(w->ddx + from);
       LooseLane *to = (LooseLane *)(moved + at) + k;
       const Column *c = w->column + i;
+      for (int d = 0; d < 6; d++) to[(OF_S + d) * deep] += c->S[d] * x;
+      if (w->along.mass) continue;
       for (int d = 0; d < 6; d++) {
-        to[(OF_S + d) * deep] += c->S[d] * x;
         to[(OF_U + d) * deep] += c->U[d] * x + 2.0 * c->S[d] * dx;
         to[(OF_Z + d) * deep] += c->Z[d] * x + c->U[d] * dx + c->S[d] * ddx;
       }
@@ -122,8 +123,9 @@ void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f) {
     Int from = t->x_at[i] + LANES * k;
     Lane x = *(Lane *)(w->x + from), dx = *(Lane *)(w->dx + from), ddx = *(Lane *)(w->ddx + from);
     Lane *to = w->along.need + k;
+    for (int d = 0; d < 6; d++) to[(OF_S + d) * wide] += f->a[d] * x;
+    if (w->along.mass) continue;
     for (int d = 0; d < 6; d++) {
-      to[(OF_S + d) * wide] += f->a[d] * x;
       to[(OF_U + d) * wide] += f->v[d] * x + 2.0 * f->a[d] * dx;
       to[(OF_Z + d) * wide] += f->q[d] * x + f->v[d] * dx + f->a[d] * ddx;
     }
@@ -138,7 +140,7 @@ void add_own(const Tables *t, Path *w, Int block, double scale, const double *le
   for (Int k = 0; k < n; k++, own += OWN * used) {
     double x = scale * left[k];
     if (x == 0.0) continue;
-    for (int part = 0; part < OWN; part++)
+    for (int part = 0; part < (w->mass ? 1 : OWN); part++)
       for (Int c = 0; c < used; c++) own[part * used + c] += x * row[part * stride + c];
   }
 }
@@ -150,6 +152,11 @@ static Lane sum_six(const double *f, const Lane *x, Int deep) {
 
 static Lane sum_three(const double *f, const Lane *x, Int deep) {
   return f[0] * x[0] + f[1] * x[deep] + f[2] * x[2 * deep];
+}
+
+/* The path's lanes of a row of M. */
+static void meet_mass(const double *f, const Lane *S, Int deep, Int lanes, Lane *M) {
+  for (Int c = 0; c < lanes; c++) M[c] += sum_six(f, S + c, deep);
 }
 
 /* The path's lanes of three rows, and of two columns, of M, C and K. */
@@ -199,9 +206,30 @@ void meet(const Tables *t, Path *w, Int block, Int before) {
       most += fabs(f[d]);
     }
     if (most == 0.0) continue;
+    if (w->mass) {
+      meet_mass(f, w->moved, w->deep, lanes, row);
+      continue;
+    }
     meet_rows(f, w->moved + first, w->deep, lanes - first, length, row);
     meet_columns(f, w->moved + first, w->deep, lanes - first, length, row + 3 * length);
   }
+}
+
+/* M of one block against one on its path, or itself. */
+static void put_mass(const Tables *t, const Path *w, Int block, Int above, double *M) {
+  Int nv = t->nv, n = columns_of(t, block), wide = columns_of(t, above), length = LANES * row_lanes(t, block);
+  const double *m = (const double *)(w->rows + w->rows_at[block]);
+  for (Int k = 0; k < n; k++) {
+    Int row = t->block_at[block] + k;
+    for (Int j = 0; j < wide; j++) {
+      Int column = t->block_at[above] + j;
+      double x = m[ROWS * length * k + t->block_depth[above] + j];
+      M[row * nv + column] += x, M[column * nv + row] += x;
+    }
+  }
+  const double *own = m + ROWS * length * n;
+  for (Int k = 0; k < n && above == block; k++, own += OWN * LANES * lanes_of(n))
+    for (Int j = 0; j < n; j++) M[(t->block_at[block] + k) * nv + t->block_at[block] + j] += own[j];
 }
 
 /* Rows and columns of one block against those of one on its path. */
@@ -234,7 +262,9 @@ static void put_own(const Tables *t, const Path *w, Int block, double *M, double
 }
 
 void put_paths(const Tables *t, const Path *w, double *M, double *C, double *K) {
-  for (Int b = 0; b < t->blocks; b++) {
+  for (Int b = 0; b < t->blocks && w->mass; b++)
+    for (Int above = b; above >= 0; above = t->block_above[above]) put_mass(t, w, b, above, M);
+  for (Int b = 0; b < t->blocks && !w->mass; b++) {
     put_own(t, w, b, M, C, K);
     for (Int above = b; above >= 0; above = w->within ? -1 : t->block_above[above])
       put(t, w, b, above, M, C, K);

@@ -74,12 +74,14 @@ static void four(const Tables *t, Tangent *at, const Frozen *up, const Point *po
   turn_rows(t, point, at->x, c, e);
   turn_rows(t, point, at->dx, c, de);
   turn_rows(t, point, at->ddx, c, dde);
+  add_wrench(point->m, arm, e, wide, need);
+  for (int d = 0; d < 3; d++) row[d * wide] = e[d];
+  if (at->along.mass) return;
   cross(w, e, swept);
   for (int d = 0; d < 3; d++) p[d] = 2.0 * (swept[d] + de[d]), swept[d] += 2.0 * de[d];
   cross(w, swept, s);
   cross(alpha, e, swept);
   for (int d = 0; d < 3; d++) s[d] += swept[d] + dde[d];
-  add_wrench(point->m, arm, e, wide, need);
   add_wrench(point->m, arm, p, wide, need + 6 * wide);
   add_wrench(point->m, arm, s, wide, need + 12 * wide);
   cross(e, F, swept);
@@ -87,7 +89,7 @@ static void four(const Tables *t, Tangent *at, const Frozen *up, const Point *po
   cross(dc, e, swept);
   for (int d = 0; d < 3; d++) need[(18 + d) * wide] += 2.0 * point->m * swept[d];
   for (int d = 0; d < 3; d++)
-    row[d * wide] = e[d], row[(3 + d) * wide] = p[d], row[(6 + d) * wide] = s[d];
+    row[(3 + d) * wide] = p[d], row[(6 + d) * wide] = s[d];
 }
 
 void point_tangent(const Tables *t, const Work *lanes, Tangent *w) {

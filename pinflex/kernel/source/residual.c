@@ -183,21 +183,27 @@ EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const doub
   derivatives(t, memory, &w, &g, rates, y, v, a, lam, scale, M, C, K, J);
 }
 
-/* Derivatives M, C, K, J one after the other, residual and second derivatives of the closures of
-   one motion. */
-EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
-                    const double *a, const double *lam, const double *scale, double *matrices,
-                    double *r, double *rates) {
+void motion(const Tables *t, char *memory, Int wanted, const double *y, const double *v,
+            const double *a, const double *lam, const double *scale, double *matrices, double *r,
+            double *rates) {
   Work w;
   Group g;
   Int square = t->nv * t->nv;
   double *M = matrices, *C = M + square, *K = C + square;
-  derivatives(t, memory, &w, &g, 1, y, v, a, lam, scale, M, C, K, K + square);
+  derivatives(t, memory, &w, &g, wanted, y, v, a, lam, scale, M, C, K, K + square);
   scatter(g.r, 1, t->nv, 0, r);
   closure_rates(t, g.more, rates);
   sleeve_motion(t, &w, g.open, g.lam, g.c);
   for (Int k = t->sleeve_at[0]; k < t->sleeve_at[t->sleeves]; k++)
     rates[t->sleeve_row[k]] = g.c[t->sleeve_row[k]][0];
+}
+
+/* Derivatives M, C, K, J one after the other, residual and second derivatives of the closures of
+   one motion. */
+EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
+                           const double *a, const double *lam, const double *scale,
+                           double *matrices, double *r, double *rates) {
+  motion(t, memory, WITH_RATES, y, v, a, lam, scale, matrices, r, rates);
 }
 
 /* Where the sleeves are on their links at `count` poses Y (count, nq), m: (count, sleeves). */

@@ -92,10 +92,12 @@ int begin(const Tables *t, char *memory, March *m) {
   for (Int k = 0; k < rows; k++) m->lam[k] = 0.0;
   Told told = {inputs, inputs + motors, inputs + 2 * motors};
   for (Int k = 0; k < led(st); k++) m->a[st->motor_v[k]] = told.feed[k];
-  pinflex_motion(t, memory, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r, rates);
+  motion(t, memory, t->added ? WITH_RATES : MASS, m->y, m->v, m->a, m->lam, inputs + 3 * motors, M, r,
+         rates);
   pull(t, st, &told, m->y, m->v, m->torque, r);
   if (factor_start(t, m, M)) solve_start(t, m, r, rates);
   else if (!least_start(t, m, M, r, rates)) return 0;
+  if (!led(st)) return 1;
   pinflex_residuals(t, memory, 1, m->y, m->v, m->a, m->lam, inputs + 3 * motors, r, rates);
   pull(t, st, &told, m->y, m->v, m->torque, r);
   for (Int k = 0; k < led(st); k++) m->torque[k] = r[st->motor_v[k]];

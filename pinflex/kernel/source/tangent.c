@@ -308,12 +308,18 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
   w.M = M, w.C = C, w.K = K;
-  begin_paths(t, &w.along, rates == WITHIN_BLOCKS);
-  clear(t, &w.along, M), clear(t, &w.along, C), clear(t, &w.along, K);
+  begin_paths(t, &w.along, rates);
+  clear(t, &w.along, M);
+  if (rates != MASS) clear(t, &w.along, C), clear(t, &w.along, K);
   point_tangent(t, lanes, &w);
   twist_tangent(t, &w);
   node_tangent(t, &w);
   put_paths(t, &w.along, M, C, K);
+  if (rates == MASS) {
+    close_jacobian(t, &w, J);
+    sleeve_tangent(t, lanes, &w, lam, 0, J);
+    return;
+  }
   added_tangent(t, &w);
   add_stiffness(t, lanes, &w);
   curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));

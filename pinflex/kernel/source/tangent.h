@@ -14,7 +14,7 @@ typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
 /* Coordinates side by side: on the path to a node, `end`, and in one block (path.c); room for nine rows
    of a block, and all rows and columns of M, C and K. */
 typedef struct {
-  Int end, deep, wide, *rows_at, within; /* within: rows of each block alone */
+  Int end, deep, wide, *rows_at, within, mass; /* rows of each block, or M, alone */
   Lane *moved, *need, *map, *rows;
   double *joined; /* of each block: needs (columns, 21), and `moved` of the block before, (21, columns) */
 } Path;
@@ -62,7 +62,7 @@ void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, doub
    `stride` lanes from each other), and in the end put into M, C and K. */
 Int path_room(const Tables *t);
 void path_layout(const Tables *t, double *memory, Path *w);
-void begin_paths(const Tables *t, Path *w, Int within);
+void begin_paths(const Tables *t, Path *w, Int wanted);
 void go_to(const Tables *t, Tangent *w, Int node);
 void begin_needs(Path *w);
 void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f);

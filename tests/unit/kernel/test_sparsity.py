@@ -119,7 +119,8 @@ def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
     rng = np.random.default_rng(2)
     y = robot.undeformed() + 1e-3 * rng.normal(size=system.nq)
     v, a = rng.normal(size=(2, nv))
-    state = [z.ctypes.data for z in (y, v, a, none.astype(float), none.astype(float))]
+    nothing = np.zeros(0)
+    state = [z.ctypes.data for z in (y, v, a, nothing, nothing)]
     found = np.full((2, 3 * nv * nv + steps.counts["joined"]), np.nan)
     for part, wanted in zip(found, ("WITH_RATES", "WITHIN_BLOCKS"), strict=True):
         at = [part.ctypes.data + 8 * nv * nv * k for k in (0, 1, 2, 3)]
@@ -149,3 +150,25 @@ def test_a_long_tree_runs_as_by_full_matrices(monkeypatch: pytest.MonkeyPatch) -
         torque.append(pf.solve(robot, level="coupled", until=0.02, tol=1e-3, samples=11).torque)
     # Round-off of their matrices; the last correction of Newton is not looked at closer.
     assert torque[0] == pytest.approx(torque[1], abs=1e-11 * np.abs(torque[1]).max())
+
+
+@pytest.mark.parametrize("model", ["delta", "ur5", "cassie", "prprp"])
+def test_mass_and_closures_alone_are_those_of_the_whole_tangent(model: str) -> None:
+    """Starts and holds ask for no more."""
+    robot = pf.load(model)
+    of, system = Compiled(robot.flexible).evaluator, robot.flexible
+    nv, rows = system.nv, system.closed.n
+    rng = np.random.default_rng(3)
+    v, a = rng.normal(size=(2, nv))
+    scale, lam, y = np.ones(of.tables.counts["forces"]), rng.normal(size=rows), robot.undeformed()
+    state = [z.ctypes.data for z in (y, v, a, lam, scale)]
+    found = np.zeros((2, 3 * nv * nv + rows * nv))
+    for part, wanted in zip(found, ("WITH_RATES", "MASS"), strict=True):
+        at = [part.ctypes.data + 8 * nv * nv * k for k in (0, 1, 2, 3)]
+        of.functions.pinflex_tangent(of.tables.address, of.work, constant(wanted), *state, *at)
+    whole, mass = found
+    M = slice(0, nv * nv)
+    # The same sums in another order.
+    assert mass[M] == pytest.approx(whole[M], abs=1e-14 * np.abs(whole[M]).max())
+    assert mass[3 * nv * nv :] == pytest.approx(whole[3 * nv * nv :], abs=1e-14)
+    assert not mass[nv * nv : 3 * nv * nv].any()
