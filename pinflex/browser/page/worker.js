@@ -9,10 +9,8 @@ onmessage = async ({data}) => {
       solver = solvers[0];
       postMessage({ready: true});
     } catch (error) { postMessage({failed: String(error.message || error)}); }
-    return;
-  }
-  wanted = data;
-  if (busy) return;
+  } else wanted = data;
+  if (busy || !solver) return;
   busy = true;
   while (wanted) {
     const now = wanted;
