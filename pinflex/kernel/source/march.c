@@ -86,9 +86,9 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
     return ON;
   }
   m->follows = 0;
-  /* In a step so much shorter inertia counts more than stiffness: of another pose, Newton's iteration
+  /* In a step ten times shorter inertia counts more than stiffness: of another pose, Newton's iteration
      converges in the large and diverges in the stiff coordinates, which corrections would show. */
-  if (kind == RESTARTS) m->h = fmin(m->h, m->first), m->stale = 1;
+  if (kind == RESTARTS) m->stale |= m->first < 0.1 * size, m->h = fmin(m->h, m->first);
   return (int)kind;
 }
 
