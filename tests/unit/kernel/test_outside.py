@@ -181,10 +181,10 @@ def test_a_wheel_that_follows_is_felt_by_its_ratio_squared(tmp_path: Path) -> No
     assert serves(m.rigid)
     lead, follow = (m.coordinates.index(f"{name}_joint") for name in ("wheel", "pinion"))
     q, a = np.zeros((2, 1, 2))
-    q[0, lead], q[0, follow], a[0, lead], a[0, follow] = 0.2, -0.6, 0.7, -2.1
-    lam = np.array([[0.02 * -2.1 + 5.0 * -0.6]])  # what the follower needs
+    q[0, lead], q[0, follow], a[0, lead], a[0, follow] = 0.25, -0.75, 0.7, -2.1
+    lam = np.array([[0.02 * -2.1 + 5.0 * -0.75]])  # what the follower needs
     r, c = Compiled(m.rigid).residual(q, 0 * q, a, lam, np.zeros(1))
-    expected = (0.3 + 9 * 0.02) * 0.7 + 9 * 5.0 * 0.2
+    expected = (0.3 + 9 * 0.02) * 0.7 + 9 * 5.0 * 0.25
     np.testing.assert_allclose(r[0, [lead, follow]], [expected, 0.0], rtol=1e-13, atol=1e-14)
     np.testing.assert_allclose(c, 0.0, atol=1e-16)
 
