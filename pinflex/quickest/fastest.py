@@ -28,7 +28,7 @@ from pinflex.quickest.limits import (
     slowness,
     with_jerk,
 )
-from pinflex.quickest.response import Grid, Settled, settled
+from pinflex.quickest.response import Grid, Settled, Strains, settled
 from pinflex.quickest.robustness import Off, corners, robustness, variant
 from pinflex.quickest.search import (
     RESTART,
@@ -175,7 +175,8 @@ def fastest(
             end on; or {position: [m], speed: [m/s]} of each axis at the end alone.
         limits: Over those of the URDF: speed, acceleration, jerk (of what moves, one number or
             by name; jerk inf: acceleration may jump; default six times a quintic's), torque and
-            motor_speed (one number or by motor).
+            motor_speed (one number or by motor), stress (von Mises [Pa], one number or by link),
+            path (distance [m] of the platform from where it would rest along the way).
         robust: Shares by which payload, stiffness or friction may be off, such as {"payload":
             0.2} (or factors, [0.8, 1.2]): the same motion must leave these robots still too; limits
             hold at the nominal one.
@@ -273,7 +274,26 @@ def _task(
     rest = np.array([rest_of(x, path.end) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     every = tuple(models.values())
-    return Task(target, moves, limits, band, every, rigid, rest, box, pushed), first, bound
+    strains = _strains(mechanism, limits, rigid[0]) if limits.strains else None
+    task = Task(target, moves, limits, band, every, rigid, rest, box, pushed, strains)
+    return task, first, bound
+
+
+def _strains(mechanism: Mechanism, limits: Limits, along: RigidPath) -> Strains:
+    """What finds stress and distance from the path.
+
+    Raises:
+        DescriptionError: Weight alone breaks a limit of stress.
+    """
+    found = Strains(mechanism, limits, along)
+    stresses = found.use(found.resting).max(axis=0)
+    worst = int(np.argmax(stresses))
+    if stresses[worst] > 1.0:
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: limits.stress: rest takes {100 * stresses[worst]:.4g} % "
+            f"of the {found.names[worst]}. Give more."
+        )
+    return found
 
 
 def rest_of(mechanism: Mechanism, pose: Array) -> Array:
@@ -303,7 +323,7 @@ def _searched(
         steps += 1
         tell(
             f"{now.profile.duration:.4f} s: shakes {now.shake:.2f} of the band, takes "
-            f"{100 * now.push:.1f} % of the torques"
+            f"{100 * now.push:.1f} % of the torques{_strained(task, now)}"
         )
 
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
@@ -318,10 +338,15 @@ def _searched(
     if not found.kept:
         raise ConvergenceError(
             f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "
-            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques. "
+            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques"
+            f"{_strained(task, found)}. "
             "Allow more intervals, or a wider band."
         )
     return found, steps
+
+
+def _strained(task: Task, now: Look) -> str:
+    return "" if task.strains is None else f", {100 * now.strain:.1f} % of stress or path"
 
 
 def _refined(search: Search, found: Look, close: float) -> Look:
@@ -419,7 +444,11 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
     for k, name in enumerate(task.models[0].motors):
         used[f"torque of {name}"] = np.abs(torque[:, k]) / limits.torque[k]
         used[f"speed of {name}"] = np.abs(turn[:, k]) / limits.motor_speed[k]
+    if task.strains is not None:
+        use = task.strains.use(task.strains.states_of(run))
+        used |= dict(zip(task.strains.names, use.T, strict=True))
     shares = {name: float(x.max(initial=0.0)) for name, x in used.items() if np.any(x > 0.0)}
-    time = {name: float(np.mean(used[name] > 0.98)) for name in shares}
+    moving = np.count_nonzero(inside)
+    time = {name: float(np.mean(used[name][:moving] > 0.98)) for name in shares}
     order = sorted((name for name in time if time[name] > 0.0), key=lambda name: -time[name])
     return {name: time[name] for name in order}, shares
