@@ -160,7 +160,7 @@ until the runs themselves keep all. --like takes the limits of a quintic of that
 times its jerk); --robust asks that the same motion leaves a heavier and a lighter robot as still;
 --baselines puts the usual profiles and shapers beside it; --off tells what payload, stiffness and
 friction 5 % off do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML
-or JSON): the same path as fast as the limits of the rigid robot allow, shaped if --shaper says so.""",
+or JSON): the same path as fast as limits of the rigid robot allow, shaped if --shaper says so.""",
     "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     (
         repeated("--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI"),

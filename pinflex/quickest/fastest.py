@@ -13,7 +13,7 @@ from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, quintic
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, nearest
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import modes, ringing
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
@@ -54,6 +54,7 @@ _JERK, _QUINTIC = 6.0, 60.0  # times a quintic's where no jerk limit is known; t
 _RETRIES = 1  # of the nominal robot's search with a wide radius
 _FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
+_FAR = 1.1  # of the rigid robot's least time: a longer motion is looked for from another start too
 DRIVES = ("prescribed", "torque")
 _FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
 _FINEST = 128  # steps in an interval of those that are looked at while refining
@@ -207,8 +208,9 @@ def fastest(
     pushed = _pushed(mechanism, drive, settle)
     task, first, bound = _task(target, moves, models, limits, settle, intervals, pushed)
     grid, period = _grid(task, bound, intervals)
-    found, steps = _searched(task, first, grid, close, progress or (lambda line: None))
-    return _told(task, found, models, bound.duration, steps, period)
+    tell, least = progress or (lambda line: None), bound.duration
+    found, steps = _searched(task, first, least, grid, close, tell)
+    return _told(task, found, models, least, steps, period)
 
 
 def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:
@@ -313,8 +315,9 @@ def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
 
 
 def _searched(
-    task: Task, first: Profile, grid: Grid, close: float, tell: Callable[[str], None]
-) -> tuple[Look, int]:
+    task: Task, first: Profile, bound: float, grid: Grid, close: float,
+    tell: Callable[[str], None],
+) -> tuple[Look, int]:  # fmt: skip
     """The nominal robot's motion, then all robots' from there on; verified."""
     steps = 0
 
@@ -328,8 +331,11 @@ def _searched(
 
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
-    search = Search(alone, grid, told)
-    found = search.go(first, _STEPS, *((_FIRST * close,) if many else (close, _RETRIES)))
+    search, asked = Search(alone, grid, told), (_FIRST * close,) if many else (close, _RETRIES)
+    found = search.go(first, _STEPS, *asked)
+    if task.box is None and (not found.kept or found.profile.duration > _FAR * bound):
+        again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, *asked)
+        found = min(found, again, key=lambda x: (not x.kept, x.profile.duration))
     if many:
         search = Search(task, grid, told, max(search.radius, RESTART))
         found = search.go(found.profile, _STEPS, _ALL * close)
@@ -343,6 +349,20 @@ def _searched(
             "Allow more intervals, or a wider band."
         )
     return found, steps
+
+
+def _shaped(task: Task, like: Profile) -> Profile:
+    """Near the quintic shaped by ZV, within the limits of the rigid robot: another start."""
+    model, rigid = task.models[0], task.rigid[0]
+    make = {"joints": task.moves} if task.target == "joints" else {"platform": task.moves}
+    heard = ringing(model, quintic(**make, duration=like.duration), 1)
+    cancelled = heard.frequencies.tolist(), heard.damping.tolist()
+
+    def shaped(duration: float) -> Motion:
+        return quintic(**make, duration=duration).shaped("zv", *cancelled)
+
+    motion = shaped(slowness(rigid, task.limits, task.moves, shaped))
+    return fitted(motion, np.array([*task.moves.values()]), like.n, like.jumps)
 
 
 def _strained(task: Task, now: Look) -> str:

@@ -180,6 +180,7 @@ _SLOWER, _HARD = 4, 1.5  # times that a first profile is slowed down for them, i
 _BAND = 0.97  # of the band that a step aims at
 RESTART = 0.05  # radius at the least, where a search begins anew
 _AFTER = 40  # instants after the end, beside peaks, that a step looks at
+_WORTH = 4.0  # of `close`: what a step hopes for that is tried again however often it fails
 _DEAREST = 0.02  # unit of shake, in bands, below which it becomes no dearer
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
@@ -439,7 +440,7 @@ class Search:
                 now, fresh = new, []
             over = (hoped < close and now.kept) or self.radius < _RADII[0]
             near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
-            if over or (stuck > 1 and near):
+            if over or (stuck > 1 and near and hoped < _WORTH * close):
                 if best is None and unit > _DEAREST:  # it stops short of the band: dearer shake
                     self.unit = unit = 0.1 * unit
                     stuck, self.radius = 0, RESTART
