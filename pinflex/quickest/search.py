@@ -529,7 +529,7 @@ class Search:
             torque_rows(rows, by, torque, most, within)
         for one, away, at_end in zip(fresh, place, ends, strict=True):
             if task.box is None:
-                every = _looked_at(away)
+                every = _instants_after(away)
                 shake_rows(rows, one.platform[every], away[every], _BAND * task.band,
                                      self.unit * task.band)  # fmt: skip
             else:
@@ -541,7 +541,7 @@ class Search:
         return self._look(after), foreseen
 
 
-def _looked_at(away: Array) -> IntArray:
+def _instants_after(away: Array) -> IntArray:
     """Instants after the end: some, and those at which a distance (instants, 3) is largest."""
     some, far = max(len(away) // _AFTER, 1), np.linalg.norm(away, axis=1)
     before, after = np.append(0.0, far[:-1]), np.append(far[1:], 0.0)
