@@ -266,7 +266,9 @@ def _task(
     def smooth(duration: float) -> Motion:
         return quintic(**make, duration=duration)
 
-    slow = slowness(rigid[0], limits, moves, smooth)
+    others = limits.speed, limits.acceleration, *limits.torque, *limits.motor_speed
+    by_jerk = np.isfinite(limits.jerk) and not np.any(np.isfinite(others))
+    slow = 0.0 if by_jerk else slowness(rigid[0], limits, moves, smooth)
     slow = float(np.fmax(slow, np.cbrt(_QUINTIC / limits.jerk)))  # nan: no jerk limit is known
     limits = with_jerk(limits, _JERK * _QUINTIC / slow**3)
     start = fitted(smooth(slow), far, intervals, limits.jumps)

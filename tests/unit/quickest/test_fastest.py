@@ -219,6 +219,17 @@ def test_the_rigid_least_time_of_a_mass_is_bang_bang(two):
     assert found.duration == pytest.approx(2 * np.sqrt(2.0), rel=1e-4)  # its last step gains 1e-5
 
 
+def test_a_jerk_limit_is_enough(tmp_path):
+    """Jerk +, -, + of a quarter, a half and a quarter: T = (32 / j)^(1/3)."""
+    bare = TWO.replace('effort="1" velocity="100"', 'effort="0" velocity="0"')
+    (tmp_path / "two.urdf").write_text(bare)
+    (tmp_path / "two.yaml").write_text(YAML)
+    found = pf.fastest(tmp_path / "two.yaml", {"drive": 1.0}, settle=9.0, limits={"jerk": 32.0},
+                       intervals=8)  # fmt: skip
+    assert found.rigid == pytest.approx(1.0, rel=1e-4)  # its last step gains 1e-5
+    assert found.duration == pytest.approx(1.0, rel=2e-3)  # and that of this one 1.2e-3
+
+
 def test_derivatives_are_those_of_runs(two):
     """About a motion that shakes: numbers and duration, torques and the platform after the end."""
     limits = limits_of(two, "joints", {"drive": 1.0}, {"jerk": np.inf})
