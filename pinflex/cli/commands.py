@@ -25,6 +25,7 @@ from pinflex.cli.options import (
     repeated,
     samples,
     small_length,
+    stress,
 )
 
 SUMMARIES = {  # in the order of the help
@@ -152,14 +153,14 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
 MOVE = Command(
     ("motions", "run_move"),
     """
-Finds the shortest motion, from rest to rest, that keeps speed, acceleration, jerk and torque
-limits (of the URDF, or as said here) and from whose end on the platform stays within a distance of
-where it comes to rest: linear programmes about coupled runs of the flexible robot, until the runs
-themselves keep all. --like takes the limits of a quintic of that duration (six times its jerk);
---robust asks that the same motion leaves a heavier and a lighter robot as still; --baselines puts
-the usual profiles and shapers beside it; --off tells what payload, stiffness and friction 5 % off
-do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML or JSON): the
-same path as fast as the limits of the rigid robot allow, shaped if --shaper says so.""",
+Finds the shortest motion, from rest to rest, that keeps speed, acceleration, jerk, torque, stress
+and path limits (of the URDF, or as said here) and from whose end on the platform stays within a
+distance of where it comes to rest: linear programmes about coupled runs of the flexible robot,
+until the runs themselves keep all. --like takes the limits of a quintic of that duration (six
+times its jerk); --robust asks that the same motion leaves a heavier and a lighter robot as still;
+--baselines puts the usual profiles and shapers beside it; --off tells what payload, stiffness and
+friction 5 % off do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML
+or JSON): the same path as fast as limits of the rigid robot allow, shaped if --shaper says so.""",
     "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     (
         repeated("--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI"),
@@ -170,12 +171,14 @@ same path as fast as the limits of the rigid robot allow, shaped if --shaper say
             help="distance from rest that is still, such as 50um",
         ),
         *(
-            option(f"--{name}", type=positive, metavar="X", help=text)
-            for name, text in (
-                ("speed", "speed of what moves, m/s or rad/s"),
-                ("acceleration", "its acceleration, SI"),
-                ("jerk", "its jerk, SI (default: six times a quintic's)"),
-                ("torque", "torque of every motor, N m or N (default: the URDF's)"),
+            option(f"--{name}", type=type_, metavar="X", help=text)
+            for name, text, type_ in (
+                ("speed", "speed of what moves, m/s or rad/s", positive),
+                ("acceleration", "its acceleration, SI", positive),
+                ("jerk", "its jerk, SI (default: six times a quintic's)", positive),
+                ("torque", "torque of every motor, N m or N (default: the URDF's)", positive),
+                ("stress", "von Mises stress of every flexible link, such as 120MPa", stress),
+                ("path", "how far the platform may be off its path, such as 1mm", small_length),
             )
         ),
         option("--like", type=positive, metavar="S", help="limits of a quintic of so many seconds"),

@@ -237,7 +237,7 @@ def run_move(args: argparse.Namespace) -> int:
         joints = set(to) <= set(mechanism.motors)
         moved = pf.quintic(**({"joints": to} if joints else {"platform": to}), duration=args.like)
         limits = of_motion(mechanism, moved)
-    for name in ("speed", "acceleration", "jerk", "torque"):
+    for name in ("speed", "acceleration", "jerk", "torque", "stress", "path"):
         if getattr(args, name) is not None:
             limits[name] = getattr(args, name)
     made = pf.fastest(mechanism, to, **values(args), limits=limits, robust=robust, progress=_say)
@@ -251,7 +251,7 @@ def run_move(args: argparse.Namespace) -> int:
 
 def _retimed(args: argparse.Namespace) -> int:
     """The same path in the least time that one factor on it allows."""
-    for option in ("to", "like", "robust", "baselines", "off", "plot"):
+    for option in ("to", "like", "robust", "baselines", "off", "plot", "stress", "path"):
         if getattr(args, option):
             raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
     if "settle" in values(args):

@@ -225,15 +225,20 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-_LENGTHS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6}
+def _with_unit(what: str, units: dict[str, float]) -> Callable[[str], float]:
+    """A positive number with or without a unit, in SI."""
+
+    def read(text: str) -> float:
+        typed = re.fullmatch(rf"([0-9.eE+-]+)\s*({'|'.join(units)}|)", text.strip())
+        if typed is None:
+            raise argparse.ArgumentTypeError(f"{text!r} is no {what}")
+        return positive(typed[1]) * units.get(typed[2], 1.0)
+
+    return read
 
 
-def small_length(text: str) -> float:
-    """Length in m, of a number with or without a unit."""
-    typed = re.fullmatch(r"([0-9.eE+-]+)\s*(um|mm|m|)", text.strip())
-    if typed is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no length, such as 50um")
-    return positive(typed[1]) * _LENGTHS[typed[2]]
+small_length = _with_unit("length, such as 50um", {"m": 1.0, "mm": 1e-3, "um": 1e-6})
+stress = _with_unit("stress, such as 120MPa", {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9})
 
 
 def payload(text: str) -> list[str]:

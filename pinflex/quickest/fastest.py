@@ -13,7 +13,7 @@ from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, quintic
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, nearest
-from pinflex.levels.modes import modes
+from pinflex.levels.modes import modes, ringing
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
@@ -28,7 +28,7 @@ from pinflex.quickest.limits import (
     slowness,
     with_jerk,
 )
-from pinflex.quickest.response import Grid, Settled, settled
+from pinflex.quickest.response import Grid, Settled, Strains, settled
 from pinflex.quickest.robustness import Off, corners, robustness, variant
 from pinflex.quickest.search import (
     RESTART,
@@ -54,6 +54,7 @@ _JERK, _QUINTIC = 6.0, 60.0  # times a quintic's where no jerk limit is known; t
 _RETRIES = 1  # of the nominal robot's search with a wide radius
 _FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
+_FAR = 1.1  # of the rigid robot's least time: a longer motion is looked for from another start too
 DRIVES = ("prescribed", "torque")
 _FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
 _FINEST = 128  # steps in an interval of those that are looked at while refining
@@ -175,7 +176,8 @@ def fastest(
             end on; or {position: [m], speed: [m/s]} of each axis at the end alone.
         limits: Over those of the URDF: speed, acceleration, jerk (of what moves, one number or
             by name; jerk inf: acceleration may jump; default six times a quintic's), torque and
-            motor_speed (one number or by motor).
+            motor_speed (one number or by motor), stress (von Mises [Pa], one number or by link),
+            path (distance [m] of the platform from where it would rest along the way).
         robust: Shares by which payload, stiffness or friction may be off, such as {"payload":
             0.2} (or factors, [0.8, 1.2]): the same motion must leave these robots still too; limits
             hold at the nominal one.
@@ -206,8 +208,9 @@ def fastest(
     pushed = _pushed(mechanism, drive, settle)
     task, first, bound = _task(target, moves, models, limits, settle, intervals, pushed)
     grid, period = _grid(task, bound, intervals)
-    found, steps = _searched(task, first, grid, close, progress or (lambda line: None))
-    return _told(task, found, models, bound.duration, steps, period)
+    tell, least = progress or (lambda line: None), bound.duration
+    found, steps = _searched(task, first, least, grid, close, tell)
+    return _told(task, found, models, least, steps, period)
 
 
 def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:
@@ -263,7 +266,9 @@ def _task(
     def smooth(duration: float) -> Motion:
         return quintic(**make, duration=duration)
 
-    slow = slowness(rigid[0], limits, moves, smooth)
+    others = limits.speed, limits.acceleration, *limits.torque, *limits.motor_speed
+    by_jerk = np.isfinite(limits.jerk) and not np.any(np.isfinite(others))
+    slow = 0.0 if by_jerk else slowness(rigid[0], limits, moves, smooth)
     slow = float(np.fmax(slow, np.cbrt(_QUINTIC / limits.jerk)))  # nan: no jerk limit is known
     limits = with_jerk(limits, _JERK * _QUINTIC / slow**3)
     start = fitted(smooth(slow), far, intervals, limits.jumps)
@@ -273,7 +278,26 @@ def _task(
     rest = np.array([rest_of(x, path.end) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
     every = tuple(models.values())
-    return Task(target, moves, limits, band, every, rigid, rest, box, pushed), first, bound
+    strains = _strains(mechanism, limits, rigid[0]) if limits.strains else None
+    task = Task(target, moves, limits, band, every, rigid, rest, box, pushed, strains)
+    return task, first, bound
+
+
+def _strains(mechanism: Mechanism, limits: Limits, along: RigidPath) -> Strains:
+    """What finds stress and distance from the path.
+
+    Raises:
+        DescriptionError: Weight alone breaks a limit of stress.
+    """
+    found = Strains(mechanism, limits, along)
+    stresses = found.use(found.resting).max(axis=0)
+    worst = int(np.argmax(stresses))
+    if stresses[worst] > 1.0:
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: limits.stress: rest takes {100 * stresses[worst]:.4g} % "
+            f"of the {found.names[worst]}. Give more."
+        )
+    return found
 
 
 def rest_of(mechanism: Mechanism, pose: Array) -> Array:
@@ -293,8 +317,9 @@ def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
 
 
 def _searched(
-    task: Task, first: Profile, grid: Grid, close: float, tell: Callable[[str], None]
-) -> tuple[Look, int]:
+    task: Task, first: Profile, bound: float, grid: Grid, close: float,
+    tell: Callable[[str], None],
+) -> tuple[Look, int]:  # fmt: skip
     """The nominal robot's motion, then all robots' from there on; verified."""
     steps = 0
 
@@ -303,13 +328,16 @@ def _searched(
         steps += 1
         tell(
             f"{now.profile.duration:.4f} s: shakes {now.shake:.2f} of the band, takes "
-            f"{100 * now.push:.1f} % of the torques"
+            f"{100 * now.push:.1f} % of the torques{_strained(task, now)}"
         )
 
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
-    search = Search(alone, grid, told)
-    found = search.go(first, _STEPS, *((_FIRST * close,) if many else (close, _RETRIES)))
+    search, asked = Search(alone, grid, told), (_FIRST * close,) if many else (close, _RETRIES)
+    found = search.go(first, _STEPS, *asked)
+    if task.box is None and (not found.kept or found.profile.duration > _FAR * bound):
+        again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, *asked)
+        found = min(found, again, key=lambda x: (not x.kept, x.profile.duration))
     if many:
         search = Search(task, grid, told, max(search.radius, RESTART))
         found = search.go(found.profile, _STEPS, _ALL * close)
@@ -318,10 +346,29 @@ def _searched(
     if not found.kept:
         raise ConvergenceError(
             f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "
-            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques. "
+            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques"
+            f"{_strained(task, found)}. "
             "Allow more intervals, or a wider band."
         )
     return found, steps
+
+
+def _shaped(task: Task, like: Profile) -> Profile:
+    """Near the quintic shaped by ZV, within the limits of the rigid robot: another start."""
+    model, rigid = task.models[0], task.rigid[0]
+    make = {"joints": task.moves} if task.target == "joints" else {"platform": task.moves}
+    heard = ringing(model, quintic(**make, duration=like.duration), 1)
+    cancelled = heard.frequencies.tolist(), heard.damping.tolist()
+
+    def shaped(duration: float) -> Motion:
+        return quintic(**make, duration=duration).shaped("zv", *cancelled)
+
+    motion = shaped(slowness(rigid, task.limits, task.moves, shaped))
+    return fitted(motion, np.array([*task.moves.values()]), like.n, like.jumps)
+
+
+def _strained(task: Task, now: Look) -> str:
+    return "" if task.strains is None else f", {100 * now.strain:.1f} % of stress or path"
 
 
 def _refined(search: Search, found: Look, close: float) -> Look:
@@ -419,7 +466,11 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
     for k, name in enumerate(task.models[0].motors):
         used[f"torque of {name}"] = np.abs(torque[:, k]) / limits.torque[k]
         used[f"speed of {name}"] = np.abs(turn[:, k]) / limits.motor_speed[k]
+    if task.strains is not None:
+        use = task.strains.use(task.strains.states_of(run))
+        used |= dict(zip(task.strains.names, use.T, strict=True))
     shares = {name: float(x.max(initial=0.0)) for name, x in used.items() if np.any(x > 0.0)}
-    time = {name: float(np.mean(used[name] > 0.98)) for name in shares}
+    moving = np.count_nonzero(inside)
+    time = {name: float(np.mean(used[name][:moving] > 0.98)) for name in shares}
     order = sorted((name for name in time if time[name] > 0.0), key=lambda name: -time[name])
     return {name: time[name] for name in order}, shares

@@ -20,7 +20,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 
-KEYS = ("speed", "acceleration", "jerk", "torque", "motor_speed")
+KEYS = ("speed", "acceleration", "jerk", "torque", "motor_speed", "stress", "path")
 _OF_PATH = KEYS[:3]
 
 
@@ -33,6 +33,8 @@ class Limits:
             jerk that follows from the others.
         torque: Of each motor [N m | N], shape (nm,).
         motor_speed: Of each motor [rad/s | m/s], shape (nm,).
+        stress: Of von Mises in each flexible link [Pa], shape (links,).
+        path: Of the platform's distance from its path, where it would rest along the way [m].
     """
 
     speed: float
@@ -40,6 +42,13 @@ class Limits:
     jerk: float
     torque: Array
     motor_speed: Array
+    stress: Array
+    path: float = np.inf
+
+    @property
+    def strains(self) -> bool:
+        """Whether links or the path limit it."""
+        return bool(np.any(np.isfinite(self.stress)) or np.isfinite(self.path))
 
     @property
     def jumps(self) -> bool:
@@ -72,6 +81,8 @@ def limits_of(
         **path,
         torque=_each("torque", asked.get("torque"), mechanism.motors, torque),
         motor_speed=_each("motor_speed", asked.get("motor_speed"), mechanism.motors, speed),
+        stress=_stress(mechanism, asked.get("stress")),
+        path=np.inf if asked.get("path") is None else _number("path", asked["path"]),
     )
 
 
@@ -116,14 +127,23 @@ def _along(key: str, value: Any, moves: Mapping[str, float]) -> float:
     return min(every, default=np.inf)
 
 
-def _each(key: str, value: Any, motors: tuple[str, ...], known: Array) -> Array:
-    """A limit of every motor, over those of the URDF."""
+def _stress(mechanism: Mechanism, value: Any) -> Array:
+    links = tuple(mechanism.parts)
+    if value is not None and not links:
+        raise DescriptionError(f"{mechanism.name}: fastest: limits.stress: no link is flexible.")
+    return _each("stress", value, links, np.full(len(links), np.inf), "flexible link")
+
+
+def _each(
+    key: str, value: Any, motors: tuple[str, ...], known: Array, kind: str = "motor"
+) -> Array:
+    """A limit of every motor, over those of the URDF; or of every link."""
     if value is None:
         return known
     by_name = value if isinstance(value, Mapping) else dict.fromkeys(motors, value)
     for name in by_name:
         if name not in motors:
-            raise DescriptionError(f"fastest: limits.{key}.{name}: not a motor."
+            raise DescriptionError(f"fastest: limits.{key}.{name}: not a {kind}."
                                    f"{nearest(name, motors)}")  # fmt: skip
     mine = {name: _number(f"{key}.{name}", one) for name, one in by_name.items()}
     return np.array([mine.get(name, x) for name, x in zip(motors, known, strict=True)])
@@ -258,7 +278,7 @@ class RigidPath:
         far = np.array([*moves.values()], float)
         path = nominal(mechanism, Motion("straight", target, tuple(moves), 1.0,
                                          partial(_straight, far)), s)  # fmt: skip
-        self.end = path.q[-1]
+        self.poses, self.end = path.q, path.q[-1]
         self.motors = mechanism.rigid.motors
         self._first, self._second = CubicSpline(s, path.v), CubicSpline(s, path.a)
         dynamics = Equations(mechanism.rigid)
@@ -327,8 +347,11 @@ def slowness(
         along = v / limits.speed, a / limits.acceleration
         return max(float(np.max(np.abs(x))) for x in (*shares, *along))
 
-    low, high = 1e-3, 1e3
-    if not 0.0 < used(high) < 1.0 or used(low) < 1.0:
+    low = high = 1e3
+    lasts = 0.0 < used(high) < 1.0
+    while lasts and low > 1e-3 and used(low) <= 1.0 + _ROUND:  # from slow ones, which samples show
+        low, high = 0.5 * low, low
+    if not lasts or low <= 1e-3:
         raise DescriptionError(
             "fastest: limits: they hold no motion, or none at all is given. Give torque, speed or "
             "acceleration, more than rest takes."

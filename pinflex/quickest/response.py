@@ -15,7 +15,7 @@ change of that torque is the load.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,16 +25,24 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
+from pinflex.integrators.problem import Run
 from pinflex.kernel.evaluate import entries_of, linear_systems
+from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian
+from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_poses
+from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.quickest.limits import Profile, RigidPath, basis
+from pinflex.quickest.limits import Limits, Profile, RigidPath, basis
+from pinflex.recovery.kinematics import Samples, run_of
+from pinflex.recovery.links import resultants, stresses
 from pinflex.results.error_bars import time_error
 from pinflex.results.result import Result, peak
 
 _WINDOW = 48  # instants whose matrices are held at a time: 10 MB of a delta's
+_NONE = np.zeros(0, np.intp)
+_SMALL = 1e-5  # change of what is differenced, over itself: so much of the derivative is off
+_NEAREST = 6  # Newton steps to the nearest place of a path
 _RHO = 0.7  # steps resolve the modes that shake, and let faster ones die
 
 
@@ -84,11 +92,14 @@ class Response(NamedTuple):
         platform: Place of the platform after it, then of motors that push, (instants, axes,
             numbers + 1).
         rate: Speed of the platform along a direction before it, (instants, numbers + 1).
+        strain: Of what `Strains` finds before it, at instants that are near its limits, (near,
+            links + 1, numbers + 1).
     """
 
     torque: Array
     platform: Array
     rate: Array
+    strain: Array
 
 
 class _System(NamedTuple):
@@ -102,14 +113,22 @@ class _System(NamedTuple):
 
 def response(
     mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool,
-    pushed: RigidPath | None = None, far: Array | None = None,
+    pushed: RigidPath | None = None, far: Array | None = None, strains: Strains | None = None,
+    near: IntArray = _NONE,
 ) -> Response:  # fmt: skip
     """Derivatives about a run of a profile; torques only where `forces`.
 
     `pushed`: the path of the robot whose rigid torques the motors push with. `far`: displacement of
-    a platform on a straight line, (3,), along which its speed is looked at.
+    a platform on a straight line, (3,), along which its speed is looked at. `near`: instants at
+    which `strains` are looked at.
     """
-    return _March(mechanism, along, run, profile, grid, pushed).go(forces, far)
+    march = _March(mechanism, along, run, profile, grid, pushed)
+    march.near = near
+    found = march.go(forces, far)
+    if strains is None or not len(near):
+        return found
+    moved = (np.stack(x) for x in zip(*march.moved, strict=True))
+    return found._replace(strain=strains.by(strains.states_of(run).at(2 * near + 1), *moved))
 
 
 def states(run: Result) -> tuple[Array, Array, Array]:
@@ -135,6 +154,8 @@ class _March:
         self.y, self.v, self.a = (x[at] for x in states(run))
         self.push = None if pushed is None else self._pushes(pushed, profile)
         self.t, self.lam = run.t[at], run.array("multiplier")[at]
+        self.near: IntArray = _NONE
+        self.moved: list[tuple[Array, Array, Array, Array]] = []
         self.shape = basis(profile.ends, profile.jumps, grid.u)
         s, v, a = basis(profile.ends, profile.jumps, grid.u[: grid.moving + 1]) @ profile.x
         first, second, third = along(s)
@@ -152,7 +173,7 @@ class _March:
         free, motors = system.free, system.motors
         if self.push is not None:
             free = np.arange(system.nv)
-        n, numbers = len(free), self.shape.shape[2]
+        n, numbers, near = len(free), self.shape.shape[2], set(self.near.tolist())
         torque = np.zeros((grid.moving if forces else 0, len(motors), numbers + 1))
         platform = self._platform()[:, free]
         if self.push is not None:
@@ -185,6 +206,8 @@ class _March:
             d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
             if k < len(rate):
                 rate[k] += ahead[k] @ v
+            if k in near:
+                self.moved.append((*self._whole(k, free, d, v, a), lam))
             if k >= grid.moving:
                 place[k - grid.moving] = platform @ d
             elif forces and self.push is not None:
@@ -192,7 +215,19 @@ class _March:
             elif forces:
                 torque[k] = load[motors] + M[motors] @ a + C[motors] @ v + K[motors] @ d
                 torque[k] -= now.J[:, motors].T @ lam
-        return Response(torque, place, rate)
+        return Response(torque, place, rate, np.zeros((0, 0, numbers + 1)))
+
+    def _whole(self, k: int, free: IntArray, *free_ones: Array) -> list[Array]:
+        """Changes of all coordinates, speeds and accelerations at an instant, (nv, numbers + 1)."""
+        found, slower = [], (0.0, self.v[k] / self.T, 2.0 * self.a[k] / self.T)
+        for own, less, rigid in zip(free_ones, slower, reversed(self.rigid), strict=True):
+            change = np.zeros((self.mechanism.flexible.nv, own.shape[1]))
+            change[:, -1] = -less
+            if self.push is None:
+                change[: rigid.shape[1], :-1] = rigid[k] @ self.shape[:, k]
+            change[free] += own
+            found.append(change)
+        return found
 
     def _load(self, k: int, now: _System) -> tuple[Array, Array]:
         """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
@@ -267,6 +302,83 @@ class _March:
             return now
         more = alpha * now.M + beta * self.dynamics.structural_stiffness(y)
         return now._replace(C=now.C + more)
+
+
+class Strains:
+    """How much of the limits of stress and path a run of the nominal robot uses.
+
+    The path is where the platform would rest along the way: sag is none of it.
+    """
+
+    def __init__(self, mechanism: Mechanism, limits: Limits, along: RigidPath) -> None:
+        from scipy.interpolate import CubicSpline
+
+        self.mechanism, self.limits = mechanism, limits
+        self.dynamics = Equations(mechanism.flexible)
+        self.frame = mechanism.frame(str(mechanism.description.platform))
+        self.names = [f"stress of {link}" for link in mechanism.parts] + ["distance from the path"]
+        self._most = np.append(limits.stress, limits.path)
+        still = [static_equilibrium(mechanism, q) for q in along.poses]
+        s = np.linspace(0.0, 1.0, len(still))
+        y, v, a, lam = (np.array([getattr(x, k) for x in still]) for k in ("y", "v", "a", "lam"))
+        self._path = CubicSpline(s, frame_poses(self.dynamics, y, self.frame)[1])
+        torque = np.zeros((len(s), len(along.motors)))
+        self.resting = Run(mechanism.flexible, s, y, v, a, lam, torque, {})
+
+    def states_of(self, run: Result) -> Run:
+        """The states of a run."""
+        return run_of(self.mechanism, run)
+
+    def use(self, run: Run) -> Array:
+        """Share of each limit at the instants of a run, shape (nt, links + 1)."""
+        found = np.zeros((len(run.t), len(self._most)))
+        if np.any(np.isfinite(self.limits.stress)):
+            found[:, :-1] = np.column_stack([*worst_stress(self.mechanism, run).values()])
+        if np.isfinite(self.limits.path):
+            found[:, -1] = np.linalg.norm(self._away(run.y), axis=1)
+        return np.asarray(found / self._most)
+
+    def by(self, run: Run, *moved: Array) -> Array:
+        """Derivatives of `use` by numbers by which (y, v, a, multipliers) move, by differences.
+
+        `moved`: (nt, nv or rows, numbers). Returns shape (nt, links + 1, numbers).
+        """
+        y, v, a, lam = (np.swapaxes(x, 1, 2) for x in moved)  # (nt, numbers, nv)
+        n, size = y.shape[1], np.abs(a).max(axis=(0, 2))
+        step = _SMALL * np.abs(run.a).max() / np.where(size > 0.0, size, np.inf)
+        again = np.repeat(np.arange(len(run.t)), n)
+        then = run.at(again)
+
+        def rows(x: Array) -> Array:
+            return np.asarray((step[:, None] * x).reshape(len(again), x.shape[2]))
+
+        place = Manifold(self.dynamics).retract(then.y, rows(y))
+        v, a, lam = then.v + rows(v), then.a + rows(a), then.lam + rows(lam)
+        then = replace(then, y=place, v=v, a=a, lam=lam)
+        change = self.use(then) - self.use(run)[again]
+        by = change / np.tile(np.where(step > 0.0, step, np.inf), len(run.t))[:, None]
+        return np.swapaxes(by.reshape(len(run.t), n, -1), 1, 2)
+
+    def _away(self, y: Array) -> Array:
+        """From the nearest place of the path, (nt, 3)."""
+        place = frame_poses(self.dynamics, y, self.frame)[1]
+        rough = self.resting.t
+        apart = np.linalg.norm(place[:, None] - self._path(rough), axis=2)
+        s = rough[np.argmin(apart, axis=1)]
+        for _ in range(_NEAREST):
+            off, along = place - self._path(s), self._path(s, 1)
+            s = np.clip(s + np.sum(off * along, axis=1) / np.sum(along**2, axis=1), 0.0, 1.0)
+        return np.asarray(place - self._path(s))
+
+
+def worst_stress(mechanism: Mechanism, run: Run) -> dict[str, Array]:
+    """Largest von Mises stress of each flexible link, of sections and meshes [Pa], (nt,) each."""
+    meshes, found = dict[str, Array](), dict[str, Array]()
+    for link, forces in resultants(Samples(mechanism, run), meshes).items():
+        worst = stresses(mechanism.parts[link].spec.section, forces)["von_mises"].max(axis=1)
+        mesh = meshes.get(f"link/{link}/mesh/von_mises")
+        found[link] = worst if mesh is None else np.maximum(worst, mesh.max(axis=1))
+    return found
 
 
 # How long a platform shakes after a motion, by a coupled run.

@@ -7,20 +7,20 @@ de la Maza 1989: successive linear programming with a merit function).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from pinflex.actuation.path import motor_axes
 from pinflex.advice.solve import solve
-from pinflex.arrays import Array, BoolArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import ConvergenceError
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.limits import Limits, Profile, RigidPath, basis
-from pinflex.quickest.response import Grid, Response, response, states
+from pinflex.quickest.response import Grid, Response, Strains, response, states
 from pinflex.results.result import Result
 
 # One step towards the least time: a linear programme about a profile.
@@ -175,8 +175,13 @@ _OVER = 3e-3  # of a torque limit: between instants and by what equal steps miss
 _LEAST_ROOM, _ROOM = 1e-4, 1e-2  # of a torque limit, for what it is off between instants
 _FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
 _FAST = 0.9  # of it, from which that is looked at
+_CLOSE = 0.5  # of a limit of stress or path, from which a step looks at it
+_SLOWER, _HARD = 4, 1.5  # times that a first profile is slowed down for them, if they are beyond
 _BAND = 0.97  # of the band that a step aims at
 RESTART = 0.05  # radius at the least, where a search begins anew
+_AFTER = 40  # instants after the end, beside peaks, that a step looks at
+_WORTH = 4.0  # of `close`: what a step hopes for that is tried again however often it fails
+_DEAREST = 0.02  # unit of shake, in bands, below which it becomes no dearer
 _LONGEST = 0.1  # by how much of itself a duration may change in a step
 
 
@@ -194,6 +199,7 @@ class Task:
         box: Instead of a band: distance [m] and speed [m/s] along each axis at the end.
         pushed: Whether motors push with the rigid robot's torque of a profile instead of following
             it; the box holds for each of them too [rad | m].
+        strains: What finds stress and distance from the path, where they are limited.
     """
 
     target: str
@@ -205,6 +211,7 @@ class Task:
     rest: Array
     box: tuple[float, float] | None = None
     pushed: bool = False
+    strains: Strains | None = None
 
     @property
     def far(self) -> Array | None:
@@ -221,10 +228,11 @@ class Task:
 
 @dataclass(frozen=True)
 class _Bent:
-    """What a programme did not foresee of a step: of torques, rates, places and ends of a look."""
+    """What a programme did not foresee of a step: of the arrays of a look."""
 
     torque: Array | float = 0.0
     rates: Array | float = 0.0
+    use: Array | float = 0.0
     place: Array | float = 0.0
     ends: Array | float = 0.0
 
@@ -272,6 +280,7 @@ class Look:
             end and how fast, (models, axes, 2).
         rates: Of the nominal platform along a path of its places before the end, over that limit,
             (instants,). speed: Largest speed of it, likewise.
+        use: Of limits of stress and path before the end, (instants, links + 1). strain: The most.
         push: Largest torque over its limit. shake: Largest distance from rest over the band.
     """
 
@@ -282,20 +291,29 @@ class Look:
     ends: Array
     rates: Array
     speed: float
+    use: Array
+    strain: float
     push: float
     shake: float
 
     def cost(self, duration: float, unit: float) -> float:
         """What the programme has as its cost, of a duration and a unit of shake in bands."""
         more = SHAKE * max(self.shake - 1.0, 0.0) / unit
-        over = max(self.push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
+        push = max(self.push, self.strain)
+        over = max(push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
         more += PUSH * over
         return self.profile.duration / duration + more
 
     @property
     def kept(self) -> bool:
         """Whether limits and band are."""
-        return self.push <= 1.0 + _OVER and self.shake <= 1.0 and self.speed <= 1.0 + _FASTER
+        most = max(self.push, self.strain)
+        return most <= 1.0 + _OVER and self.shake <= 1.0 and self.speed <= 1.0 + _FASTER
+
+    @property
+    def near(self) -> IntArray:
+        """Instants at which a step may reach a limit of stress or path."""
+        return np.flatnonzero(np.any(self.use > _CLOSE, axis=1))
 
 
 def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
@@ -326,7 +344,12 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
         shake = float(np.max(np.abs(ends) / task.box))
     rates, fast = platform_speed(task, runs[0], profile.duration)
     speed = float(fast.max())
-    return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed, push, shake)
+    use = np.zeros((after + 1, 0))
+    if task.strains is not None:
+        use = task.strains.use(task.strains.states_of(runs[0]).at(slice(after + 1)))
+    strain = float(use.max(initial=0.0))
+    return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed,
+                use[1:after:2], strain, push, shake)  # fmt: skip
 
 
 def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
@@ -385,7 +408,12 @@ class Search:
 
         Then it tries a wide radius again, some times: runs bend, and a small one is soon at home.
         """
-        now, T = self._look(first), first.duration
+        now = self._look(first)
+        for _ in range(_SLOWER):
+            if now.strain <= _HARD:
+                break
+            now = self._look(replace(first, duration=now.profile.duration * now.strain**0.5))
+        T = now.profile.duration
         self.unit = unit = max(1.0, _COARSE * now.shake)
         best = now if now.kept else None
         fresh: list[Response] = []
@@ -412,7 +440,11 @@ class Search:
                 now, fresh = new, []
             over = (hoped < close and now.kept) or self.radius < _RADII[0]
             near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
-            if over or (stuck > 1 and near):
+            if over or (stuck > 1 and near and hoped < _WORTH * close):
+                if best is None and unit > _DEAREST:  # it stops short of the band: dearer shake
+                    self.unit = unit = 0.1 * unit
+                    stuck, self.radius = 0, RESTART
+                    continue
                 if not retries or self.radius >= RESTART:
                     break
                 retries, stuck, self.radius = retries - 1, 0, RESTART
@@ -431,7 +463,14 @@ class Search:
         pushed = task.rigid[0] if task.pushed else None
         return [
             response(
-                model, rigid, run, now.profile, self.grid, k == 0, pushed, None if k else task.far
+                model,
+                rigid,
+                run,
+                now.profile,
+                self.grid,
+                k == 0,
+                pushed,
+                *((None,) if k else (task.far, task.strains, now.near)),
             )
             for k, (model, rigid, run) in enumerate(each)
         ]
@@ -455,7 +494,9 @@ class Search:
         if (far := self.task.far) is not None:
             most = float(np.linalg.norm(far)) * self.task.limits.speed
             rates = new.rates - now.rates - fresh[0].rate @ step / most
-        return _Bent(torque, rates, new.place - place, ends)
+        near = now.near
+        use = new.use[near] - now.use[near] - fresh[0].strain @ step if len(near) else 0.0
+        return _Bent(torque, rates, use, new.place - place, ends)
 
     def _next(self, now: Look, fresh: list[Response], bent: _Bent) -> tuple[Look, float]:
         task, limits, here = self.task, self.task.limits, now.profile
@@ -467,6 +508,11 @@ class Search:
             most_of = float(np.linalg.norm(task.far)) * limits.speed
             rates = (now.rates + bent.rates)[near]
             rows.both(fresh[0].rate[near] / most_of, rates, 1.0 + 0.5 * _FASTER, slack=-1)
+        if len(at := now.near):
+            use = now.use[at] + bent.use
+            between = now.strain - float(now.use.max())
+            within = 1.0 - float(np.clip(between, _LEAST_ROOM, _ROOM))
+            torque_rows(rows, fresh[0].strain, use, [1.0] * use.shape[1], within)
         if task.pushed:
             B = basis(here.ends, here.jumps, places(here))
             asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
@@ -481,9 +527,9 @@ class Search:
             between = now.push - float(np.max(np.abs(seen) / limits.torque))
             within = 1.0 - float(np.clip(between, _LEAST_ROOM, _ROOM))
             torque_rows(rows, by, torque, most, within)
-        every = slice(0, None, max(self.grid.after // 40, 1))
         for one, away, at_end in zip(fresh, place, ends, strict=True):
             if task.box is None:
+                every = _instants_after(away)
                 shake_rows(rows, one.platform[every], away[every], _BAND * task.band,
                                      self.unit * task.band)  # fmt: skip
             else:
@@ -493,6 +539,14 @@ class Search:
         after, foreseen = solved(rows, here, limits, self.radius,
                                            min(_LONGEST, self.radius))  # fmt: skip
         return self._look(after), foreseen
+
+
+def _instants_after(away: Array) -> IntArray:
+    """Instants after the end: some, and those at which a distance (instants, 3) is largest."""
+    some, far = max(len(away) // _AFTER, 1), np.linalg.norm(away, axis=1)
+    before, after = np.append(0.0, far[:-1]), np.append(far[1:], 0.0)
+    peaks = np.flatnonzero((far >= before) & (far >= after))
+    return np.union1d(np.arange(0, len(away), some), peaks)
 
 
 def _at_ends(x: Array, each: int) -> Array:
