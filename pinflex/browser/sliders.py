@@ -26,7 +26,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 9000  # numbers of all such sliders: a page grows by five bytes each
+_MOST = 4000  # numbers of all such sliders: a page grows by five bytes each
 _STEP = 2.0**-36  # of the largest value of an entry: what its polynomial is rounded to
 _BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
 _SHARE = 0.5  # of the robot's mass: the largest payload
