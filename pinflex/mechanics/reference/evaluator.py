@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,12 +55,6 @@ class Placing:
     def __init__(self, model: pin.Model, joints: Iterable[int] = ()) -> None:
         """`joints`: those at leaves of the tree that are looked at."""
         self.model, self._joints = model, joints
-        self._steps = [
-            (joint, int(above), place)
-            for joint, above, place in zip(
-                model.joints, model.parents, model.jointPlacements, strict=True
-            )
-        ][1:]
 
     @cached_property
     def data(self) -> pin.Data:
@@ -115,13 +110,15 @@ class Placing:
     def _step_by_step(self, q: Array) -> tuple[Array, Array]:
         """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
         placed, J = [pin.SE3.Identity()], np.zeros((6, self.model.nv))
-        for joint, above, place in self._steps:
+        model, rows, counts = self.model, self.model.idx_vs.tolist(), self.model.nvs.tolist()
+        steps = zip(model.joints, model.parents, model.jointPlacements, rows, counts, strict=True)
+        for joint, above, place, row, count in islice(steps, 1, None):
             data = joint.createData()
             joint.calc(data, q)
             here = placed[above] * (place * data.M)
             placed.append(here)
             S = np.asarray(data.S, dtype=float).reshape(6, -1)
-            J[:, joint.idx_v : joint.idx_v + joint.nv] = here.action @ S
+            J[:, row : row + count] = here.action @ S
         return _twelve([[place.np for place in placed]]), J[None]
 
 
@@ -165,13 +162,13 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
     Of each row the mass beyond it, times how it moves its centre.
     """
     joints = int(model.njoints)
-    mass, first = np.zeros(joints), np.zeros((joints, 3))
-    for j in range(joints - 1, 0, -1):
-        inertia, R = model.inertias[j], poses[j, :9].reshape(3, 3).T
-        mass[j] += inertia.mass
-        first[j] += inertia.mass * (R @ inertia.lever + poses[j, 9:])
-        mass[model.parents[j]] += mass[j]
-        first[model.parents[j]] += first[j]
+    mass = np.array([inertia.mass for inertia in model.inertias])
+    lever = np.array([inertia.lever for inertia in model.inertias])
+    centre = (lever[:, None] @ poses[:, :9].reshape(-1, 3, 3))[:, 0] + poses[:, 9:]
+    first = mass[:, None] * centre
+    for j, above in reversed([*enumerate(model.parents.tolist())][1:]):
+        mass[above] += mass[j]
+        first[above] += first[j]
     of = np.repeat(np.arange(joints), np.array(model.nvs))
     return np.asarray(mass[of] * J[:3] + np.cross(J[3:].T, first[of]).T)
 
