@@ -31,7 +31,7 @@ from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
 from pinflex.mechanics.model.loads import Attachment, Expansion
-from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
+from pinflex.mechanics.model.parts import FlexiblePart, Spans, require_size, resolve
 from pinflex.mechanics.model.planes import LeftOut, any_undecided
 from pinflex.mechanics.model.relevance import left_out, with_damping
 from pinflex.mechanics.model.system import Idle, System
@@ -459,12 +459,15 @@ class _Loading:
         self.assembled: Assembled | None = None
         self.first: _Systems | None = None
         self.last: _Systems | None = None
+        self.spans: Spans = {}
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
         self.model: pin.Model
         self.links: tuple[Link, ...]
         if like is not None and _closes_alike(description, like.description):
             self.model, self.links, self.assembled = like.model, like.links, like.assembled
+            beams = ({spec.link for spec in x.flexible} for x in (description, like.description))
+            self.spans = like.spans if len({*map(frozenset, beams)}) == 1 else {}
             if _alike(description, like.description, _MOVING):
                 self.first, self.last = like.first, like.last
         else:
@@ -480,7 +483,7 @@ class _Loading:
         look = any_undecided(self.description, self.links, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
         known = self.last
-        made = self.first = self.systems(self.parts(coarse=coarse), self.first)
+        made = self.first = self.systems(self.parts(coarse=coarse), self.first, coarse)
         if look:
             parts, flexible, home = made.parts, made.flexible, made.rigid.home
             out = left_out(self.description, self.links, parts, flexible, home, tuple(self.own))
@@ -497,11 +500,19 @@ class _Loading:
             names, rigid.report, made.report, rigid.idle, self.own, self,
         )  # fmt: skip
 
-    def systems(self, parts: Mapping[str, FlexiblePart], like: _Systems | None) -> _Systems:
-        """The systems of parts: those of a model like this one, where its parts are the same."""
+    def systems(
+        self, parts: Mapping[str, FlexiblePart], like: _Systems | None, coarse: bool = False
+    ) -> _Systems:
+        """The systems of parts: those of a model like this one, where its parts are the same.
+
+        `coarse`: to look at, where masses of the rigid system do not matter.
+        """
         if like is not None and _made_alike(parts, like.parts):
             return replace(like, parts=parts)
-        rigid = self.about(self.tree(parts), parts)
+        known = self.assembled
+        if known is None or not coarse or known.system.closed.contacts:
+            known = self.about(self.tree(parts), parts)
+        rigid = known
         if not parts and not self.geared:
             return _Systems(parts, rigid, *_with_elastic_joints(rigid))
         flexible, report = self.flexible(parts, rigid)
@@ -517,7 +528,7 @@ class _Loading:
     ) -> dict[str, FlexiblePart]:
         """Flexible links with their bodies, some of them given."""
         name = self.description.name
-        parts = resolve(self.description, self.links, without, coarse)
+        parts = resolve(self.description, self.links, without, coarse, self.spans)
         for link, body in self.own.items():
             if link not in parts:
                 known = nearest(link, parts)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -133,6 +134,11 @@ class Expansion:
     slots: tuple[Slot, ...]
     n_eta: int
     drives: tuple[ElasticDrive, ...] = ()
+
+    @cached_property
+    def last(self) -> dict[bytes, tuple[Array, Array]]:
+        """Where the joints were last, see `pinflex.mechanics.reference.evaluator.Placing`."""
+        return {}
 
 
 def gear_name(joint: str) -> str:

@@ -176,8 +176,9 @@ def resolve(
     links: Sequence[Link],
     without: Mapping[str, Sequence[LeftOut]] | None = None,
     coarse: bool = False,
+    spans: Spans | None = None,
 ) -> dict[str, FlexiblePart]:
-    """Turn the description of flexible links into bodies.
+    """Turn the description of flexible links into bodies; `spans`: those known of these links.
 
     Returns:
         Parts by link name.
@@ -185,14 +186,18 @@ def resolve(
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    plane = plane_of(description, links)
+    plane, spans = plane_of(description, links), {} if spans is None else spans
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
         out = tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        parts[spec.link] = _part(description, spec, links, index, plane, out)
+        parts[spec.link] = _part(description, spec, links, index, plane, out, spans)
     return parts
+
+
+# Beam frame and length of a link by what they follow from.
+Spans = dict[tuple[object, ...], tuple[pin.SE3, float]]
 
 
 def _coarse(spec: FlexibleLink) -> FlexibleLink:
@@ -212,12 +217,15 @@ def _part(
     index: Mapping[str, int],
     plane: Plane,
     out: tuple[LeftOut, ...],
+    spans: Spans,
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
-    number = index[spec.link]
-    start, end = span(where, spec, number, links, index)
-    require_carrying(where, description, spec, number, links, index)
-    placement, length = beam_frame(where, spec, links[number], start, end)
+    number, key = index[spec.link], (spec.link, spec.start, spec.end, spec.up, spec.length)
+    if key not in spans:
+        start, end = span(where, spec, number, links, index)
+        require_carrying(where, description, spec, number, links, index)
+        spans[key] = beam_frame(where, spec, links[number], start, end)
+    placement, length = spans[key]
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = active_planes(where, spec, plane.poses[number] * placement, plane, out)

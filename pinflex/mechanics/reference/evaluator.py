@@ -52,9 +52,14 @@ _LARGE = 31  # velocity rows from which a workspace (4 nV^3 numbers) is dear bes
 class Placing:
     """The joints of one model."""
 
-    def __init__(self, model: pin.Model, joints: Iterable[int] = ()) -> None:
-        """`joints`: those at leaves of the tree that are looked at."""
-        self.model, self._joints = model, joints
+    def __init__(
+        self,
+        model: pin.Model,
+        joints: Iterable[int] = (),
+        last: dict[bytes, tuple[Array, Array]] | None = None,
+    ) -> None:
+        """`joints`: those at leaves of the tree that are looked at. `last`: dear poses by Q."""
+        self.model, self._joints, self._last = model, joints, {} if last is None else last
 
     @cached_property
     def data(self) -> pin.Data:
@@ -82,7 +87,7 @@ class Placing:
         are, at several configurations of a large model, those of stations that carry nothing.
         """
         if self._dear:
-            return self._bones.jacobians(Q) if len(Q) > 1 else self._step_by_step(Q[0])
+            return self._bones.jacobians(Q) if len(Q) > 1 else self._looked(Q[0])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
             J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
@@ -106,6 +111,17 @@ class Placing:
             for q, v in zip(Q, V, strict=True)
         ]
         return np.array(rates).reshape(len(Q), 6, model.nv)
+
+    def _looked(self, q: Array) -> tuple[Array, Array]:
+        """The same, of one configuration after another; at home all who load a system look."""
+        found = self._last.get(key := q.tobytes())
+        if found is None:
+            found = self._step_by_step(q)
+            for array in found:
+                array.flags.writeable = False
+            self._last.clear()
+            self._last[key] = found
+        return found
 
     def _step_by_step(self, q: Array) -> tuple[Array, Array]:
         """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
@@ -277,7 +293,9 @@ class Reference:
 
     def __init__(self, system: System) -> None:
         self.system, self.model = system, system.expansion.model
-        self.map, self.placing = CoordinateMap(system), Placing(self.model, system.looked_at)
+        self.map, self.placing = CoordinateMap(system), Placing(
+            self.model, system.looked_at, system.expansion.last
+        )
         self.strain = Strain(system)
         self._q, self._v = int(system.rigid.nq), int(system.rigid.nv)
 
