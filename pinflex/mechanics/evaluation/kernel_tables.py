@@ -192,8 +192,9 @@ def uncovered(system: System) -> str | None:
     known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
     if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
         return "closure row of another sort"
-    for joint in system.expansion.model.joints[1:]:
-        name = joint.shortname().removeprefix(_PREFIX)
+    joints = system.expansion.model.joints
+    for j in range(1, len(joints)):  # to iterate over Pinocchio's vectors copies each joint
+        name = joints[j].shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
             return f"joint of Pinocchio's kind {name}"
     return _unknown(system, KNOWN | {type(system): SYSTEM}, set())

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -126,15 +125,16 @@ class Placing:
     def _step_by_step(self, q: Array) -> tuple[Array, Array]:
         """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
         placed, J = [pin.SE3.Identity()], np.zeros((6, self.model.nv))
-        model, rows, counts = self.model, self.model.idx_vs.tolist(), self.model.nvs.tolist()
-        steps = zip(model.joints, model.parents, model.jointPlacements, rows, counts, strict=True)
-        for joint, above, place, row, count in islice(steps, 1, None):
+        joints, above, places = self.model.joints, self.model.parents, self.model.jointPlacements
+        rows, counts = self.model.idx_vs, self.model.nvs
+        for j in range(1, len(joints)):
+            joint = joints[j]
             data = joint.createData()
             joint.calc(data, q)
-            here = placed[above] * (place * data.M)
+            here = placed[above[j]] * (places[j] * data.M)
             placed.append(here)
             S = np.asarray(data.S, dtype=float).reshape(6, -1)
-            J[:, row : row + count] = here.action @ S
+            J[:, rows[j] : rows[j] + counts[j]] = here.action @ S
         return _twelve([[place.np for place in placed]]), J[None]
 
 
@@ -178,8 +178,8 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
     Of each row the mass beyond it, times how it moves its centre.
     """
     joints = int(model.njoints)
-    mass = np.array([inertia.mass for inertia in model.inertias])
-    lever = np.array([inertia.lever for inertia in model.inertias])
+    own = [model.inertias[j] for j in range(joints)]
+    mass, lever = (np.array([getattr(x, of) for x in own]) for of in ("mass", "lever"))
     centre = (lever[:, None] @ poses[:, :9].reshape(-1, 3, 3))[:, 0] + poses[:, 9:]
     first = mass[:, None] * centre
     for j, above in reversed([*enumerate(model.parents.tolist())][1:]):
