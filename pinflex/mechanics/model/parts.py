@@ -240,20 +240,20 @@ def _part(
         spec = _with_density(spec, mass / (_built(spec, length)[0].section.A * length))
     require_beam(spec, length, where, description.allow)
     spec, reason = with_shear(spec, planes, length, reason)
-    unit = _bodies(spec, planes, length)
+    beam = _beam(spec, planes, length)
     part = FlexiblePart(
         spec.link,
         placement,
         length,
         planes,
         reason,
-        unit,
+        (_body(beam),) * spec.segments,
         tree.end_riders(spec, length),
         spec,
         left_out=out,
     )
     keeps = spec.inertia == "urdf" and mass > 0
-    return _ridden(where, part, links[number].inertia) if keeps else part
+    return _ridden(where, part, links[number].inertia, beam) if keeps else part
 
 
 @dataclass(frozen=True)
@@ -276,11 +276,6 @@ class _Beam:
 def _body(beam: _Beam) -> FlexibleBody:
     """The body of a beam, kept: designs of one robot differ in a few links."""
     return flexible_body(beam.spec, beam.planes, beam.length)
-
-
-def _bodies(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> tuple[FlexibleBody, ...]:
-    """Bodies of the described density; equal links share what follows from it."""
-    return (_body(_beam(spec, planes, length)),) * spec.segments
 
 
 def _beam(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> _Beam:
@@ -333,13 +328,13 @@ def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
     return replace(spec, material=replace(spec.material, rho=rho))
 
 
-def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
+def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia, own: _Beam) -> FlexiblePart:
     """The part with the URDF's inertia, shared between its beam (as built) and riders."""
     spec, rho = part.spec, part.spec.material.rho or 0.0
     built, length = _built(spec, part.length)
     inertia = part.placement.actInv(urdf)
     numbers = np.concatenate([[inertia.mass], inertia.lever, inertia.inertia.ravel()]).tobytes()
-    own, theirs = _beam(spec, part.planes, part.length), _beam(built, part.planes, length)
+    theirs = own if built is spec else _beam(built, part.planes, length)
     shares, body = _weighed(_Ridden(own, theirs, numbers, inertia, part.riders))
     if shares.share < tree.LEAST:
         lighter = rho * shares.share / tree.LEAST

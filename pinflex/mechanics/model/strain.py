@@ -170,7 +170,7 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
 
 def _squares(G: Array, body: FlexibleBody | None) -> Squares | None:
     """The rows of a body that are worth it; None: none."""
-    if body is None or not body.families:
+    if body is None or not body.families or not len(G):
         return None
     n = G.shape[-1]
     psi = _slopes(body, n)
