@@ -31,8 +31,8 @@ from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
 from pinflex.mechanics.model.loads import Attachment, Expansion
-from pinflex.mechanics.model.parts import FlexiblePart, Spans, require_size, resolve
-from pinflex.mechanics.model.planes import LeftOut, any_undecided
+from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
+from pinflex.mechanics.model.planes import LeftOut, Spans, any_undecided, plane_of
 from pinflex.mechanics.model.relevance import left_out, with_damping
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
@@ -459,28 +459,29 @@ class _Loading:
         self.assembled: Assembled | None = None
         self.first: _Systems | None = None
         self.last: _Systems | None = None
-        self.spans: Spans = {}
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
+        spans: Spans = {}
         self.model: pin.Model
         self.links: tuple[Link, ...]
         if like is not None and _closes_alike(description, like.description):
             self.model, self.links, self.assembled = like.model, like.links, like.assembled
             beams = ({spec.link for spec in x.flexible} for x in (description, like.description))
-            self.spans = like.spans if len({*map(frozenset, beams)}) == 1 else {}
+            spans = like.plane.spans if len({*map(frozenset, beams)}) == 1 else {}
             if _alike(description, like.description, _MOVING):
                 self.first, self.last = like.first, like.last
         else:
             self.model = model_of(description)
             self.links = link_tree(self.model, description.joints, self.coupled)
         require_size(self.links, description.urdf_name, description.allow)
+        self.plane = plane_of(description, self.links, spans)
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
         return type(None), ()  # found again where it is needed
 
     def mechanism(self) -> Mechanism:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
-        look = any_undecided(self.description, self.links, self.own)
+        look = any_undecided(self.description, self.links, self.plane, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
         known = self.last
         made = self.first = self.systems(self.parts(coarse=coarse), self.first, coarse)
@@ -528,7 +529,7 @@ class _Loading:
     ) -> dict[str, FlexiblePart]:
         """Flexible links with their bodies, some of them given."""
         name = self.description.name
-        parts = resolve(self.description, self.links, without, coarse, self.spans)
+        parts = resolve(self.description, self.links, without, coarse, self.plane)
         for link, body in self.own.items():
             if link not in parts:
                 known = nearest(link, parts)

@@ -26,10 +26,9 @@ from pinflex.mechanics.model.planes import (
     LeftOut,
     Plane,
     active_planes,
-    beam_frame,
+    placed_beam,
     plane_of,
     require_carrying,
-    span,
     with_shear,
 )
 from pinflex.mechanics.model.tree import Link, Rider
@@ -176,9 +175,9 @@ def resolve(
     links: Sequence[Link],
     without: Mapping[str, Sequence[LeftOut]] | None = None,
     coarse: bool = False,
-    spans: Spans | None = None,
+    plane: Plane | None = None,
 ) -> dict[str, FlexiblePart]:
-    """Turn the description of flexible links into bodies; `spans`: those known of these links.
+    """Turn the description of flexible links into bodies; `plane`: of this description, if known.
 
     Returns:
         Parts by link name.
@@ -186,18 +185,14 @@ def resolve(
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    plane, spans = plane_of(description, links), {} if spans is None else spans
+    plane = plane_of(description, links) if plane is None else plane
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
         out = tuple((without or {}).get(spec.link, ()))
         spec = _coarse(spec) if coarse and spec.link not in slides else spec
-        parts[spec.link] = _part(description, spec, links, index, plane, out, spans)
+        parts[spec.link] = _part(description, spec, links, index, plane, out)
     return parts
-
-
-# Beam frame and length of a link by what they follow from.
-Spans = dict[tuple[object, ...], tuple[pin.SE3, float]]
 
 
 def _coarse(spec: FlexibleLink) -> FlexibleLink:
@@ -217,15 +212,11 @@ def _part(
     index: Mapping[str, int],
     plane: Plane,
     out: tuple[LeftOut, ...],
-    spans: Spans,
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
-    number, key = index[spec.link], (spec.link, spec.start, spec.end, spec.up, spec.length)
-    if key not in spans:
-        start, end = span(where, spec, number, links, index)
-        require_carrying(where, description, spec, number, links, index)
-        spans[key] = beam_frame(where, spec, links[number], start, end)
-    placement, length = spans[key]
+    number = index[spec.link]
+    placement, length = placed_beam(where, spec, links, index, plane.spans)
+    require_carrying(where, description, spec, number, links, index)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = active_planes(where, spec, plane.poses[number] * placement, plane, out)

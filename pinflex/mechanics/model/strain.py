@@ -13,7 +13,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import Curvature, FlexibleBody
 from pinflex.bodies.family import quadrature
-from pinflex.mechanics.model.loads import Block, Expansion
+from pinflex.mechanics.model.loads import Expansion
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
