@@ -216,9 +216,7 @@ def _unknown(value: object, known_of: Mapping[type, frozenset[str]], seen: set[i
     else:
         parts = value.values() if isinstance(value, Mapping) else value  # type: ignore[assignment]
     for part in parts:
-        if type(part) in _PLAIN:
-            continue
-        found = _unknown(part, known_of, seen)
+        found = None if type(part) in _PLAIN else _unknown(part, known_of, seen)
         if found is not None:
             return found
     return None

@@ -310,9 +310,8 @@ class _Assembler:
         return np.arange(start, start + self.model.nvs[joint])
 
     def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
-        bent = np.zeros(len(rows), dtype=bool) if G is None else G.any(axis=(1, 2))
-        for k, (row, curved) in enumerate(zip(rows.tolist(), bent.tolist(), strict=True)):
-            self.maps[slot].append((row, Phi[k], G[k] if curved and G is not None else None))
+        curves = {} if G is None else {int(k): G[k] for k in np.flatnonzero(G.any(axis=(1, 2)))}
+        self.maps[slot] += [(row, Phi[k], curves.get(k)) for k, row in enumerate(rows.tolist())]
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:

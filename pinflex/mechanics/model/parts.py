@@ -185,7 +185,7 @@ def resolve(
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    plane = plane_of(description, links) if plane is None else plane
+    plane = plane_of(description, links, {}) if plane is None else plane
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
@@ -232,17 +232,9 @@ def _part(
     require_beam(spec, length, where, description.allow)
     spec, reason = with_shear(spec, planes, length, reason)
     beam = _beam(spec, planes, length)
-    part = FlexiblePart(
-        spec.link,
-        placement,
-        length,
-        planes,
-        reason,
-        (_body(beam),) * spec.segments,
-        tree.end_riders(spec, length),
-        spec,
-        left_out=out,
-    )
+    bodies, riders = (_body(beam),) * spec.segments, tree.end_riders(spec, length)
+    told = planes, reason, bodies, riders, spec
+    part = FlexiblePart(spec.link, placement, length, *told, left_out=out)
     keeps = spec.inertia == "urdf" and mass > 0
     return _ridden(where, part, links[number].inertia, beam) if keeps else part
 

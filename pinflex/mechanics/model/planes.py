@@ -233,7 +233,7 @@ class Plane:
     spans: Spans = field(default_factory=dict)
 
 
-def plane_of(description: Description, links: Sequence[Link], spans: Spans | None = None) -> Plane:
+def plane_of(description: Description, links: Sequence[Link], spans: Spans) -> Plane:
     """The plane that a scene is a mirror image of itself in: nothing bends out of it or twists.
 
     All joints turn about one direction, and everything that acts is in the plane across it.
@@ -243,7 +243,7 @@ def plane_of(description: Description, links: Sequence[Link], spans: Spans | Non
         above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
         poses.append(above * link.placement)
     cut = {loop.name for loop in description.loops if loop.clearance is not None}
-    normal, spans = _common_axis(links, poses, cut), {} if spans is None else spans
+    normal = _common_axis(links, poses, cut)
     if normal is None:
         return Plane(poses, None, "", spans)
     every = list(_acting(description, links, poses, spans))

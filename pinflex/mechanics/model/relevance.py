@@ -350,14 +350,8 @@ def _of(parts: Mapping[Key, float], total: float) -> dict[Key, float]:
 
 _ROUND_OFF = 1e-9  # of the largest entry, for symmetry and for the sign of energy
 
-_DAMPED_AXES = [
-    0,
-    1,
-    2,
-    5,
-    4,
-    3,
-]  # rows (u, v, w, rz, ry, rx) as displacement and rotation about x, y, z
+# Rows (u, v, w, rz, ry, rx) as displacement and rotation about x, y, z.
+_DAMPED_AXES = [0, 1, 2, 5, 4, 3]
 
 
 def rows_of(expansion: Expansion) -> dict[str, IntArray]:

@@ -47,15 +47,14 @@ if TYPE_CHECKING:
 
 _LARGE = 31  # velocity rows from which a workspace (4 nV^3 numbers) is dear beside a few looks
 
+Last = dict[bytes, tuple[Array, Array]]  # poses and Jacobian by the bytes of Q
+
 
 class Placing:
     """The joints of one model."""
 
     def __init__(
-        self,
-        model: pin.Model,
-        joints: Iterable[int] = (),
-        last: dict[bytes, tuple[Array, Array]] | None = None,
+        self, model: pin.Model, joints: Iterable[int] = (), last: Last | None = None
     ) -> None:
         """`joints`: those at leaves of the tree that are looked at. `last`: dear poses by Q."""
         self.model, self._joints, self._last = model, joints, {} if last is None else last
@@ -112,12 +111,12 @@ class Placing:
         return np.array(rates).reshape(len(Q), 6, model.nv)
 
     def _looked(self, q: Array) -> tuple[Array, Array]:
-        """The same, of one configuration after another; at home all who load a system look."""
+        """The same, where it is known: at home all who load a system look."""
         found = self._last.get(key := q.tobytes())
         if found is None:
             found = self._step_by_step(q)
             for array in found:
-                array.flags.writeable = False
+                array.flags.writeable = False  # others look at it, too
             self._last.clear()
             self._last[key] = found
         return found
