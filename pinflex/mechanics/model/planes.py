@@ -17,6 +17,7 @@ from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import Link
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.description.description import Description
@@ -227,6 +228,8 @@ class Plane:
         spans: Beams placed so far.
     """
 
+    __repr__ = brief
+
     poses: list[pin.SE3]
     normal: Array | None
     reason: str = ""
@@ -414,11 +417,7 @@ def _asked(spec: FlexibleLink) -> dict[str, bool | str]:
 
 
 def active_planes(
-    where: str,
-    spec: FlexibleLink,
-    world: pin.SE3,
-    plane: Plane,
-    out: Sequence[LeftOut],
+    where: str, spec: FlexibleLink, world: pin.SE3, plane: Plane, out: Sequence[LeftOut]
 ) -> tuple[tuple[str, ...], str]:
     """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
     if plane.normal is None:

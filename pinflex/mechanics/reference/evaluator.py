@@ -85,7 +85,7 @@ class Placing:
         are, at several configurations of a large model, those of stations that carry nothing.
         """
         if self._dear:
-            return self._bones.jacobians(Q) if len(Q) > 1 else self._looked(Q[0])
+            return self._bones.jacobians(Q) if len(Q) > 1 else self._jacobian_at(Q[0])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
             J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
@@ -110,7 +110,7 @@ class Placing:
         ]
         return np.array(rates).reshape(len(Q), 6, model.nv)
 
-    def _looked(self, q: Array) -> tuple[Array, Array]:
+    def _jacobian_at(self, q: Array) -> tuple[Array, Array]:
         """The same, where it is known: at home all who load a system look."""
         found = self._last.get(key := q.tobytes())
         if found is None:
