@@ -276,8 +276,8 @@ def spring_law(spring: FrameSpring) -> tuple[Piece, ...]:
         return table(spring.table, spring.damper)
     if not spring.tension_only:
         return ()
-    slack, taut = (0.0, 0.0, 0.0), (0.0, 0.0, spring.stiffness, 1.0, spring.damper)
-    return Piece(FROM, *slack), Piece(*taut)
+    taut = Piece(0.0, 0.0, 0.0, spring.stiffness, 1.0, spring.damper)
+    return Piece(FROM, 0.0, 0.0, 0.0), taut
 
 
 # Joints with clearance: loops that are held by contact, at level coupled.

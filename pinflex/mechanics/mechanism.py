@@ -49,7 +49,7 @@ from pinflex.mechanics.model.tree import (
 from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system
 from pinflex.names import Names, Records
 from pinflex.report import card, pairs
-from pinflex.text import short
+from pinflex.text import brief, short
 
 # What the model weighs, held against what the scene says: mass, first moment, inertia at home.
 #
@@ -433,6 +433,8 @@ class _Systems:
     rigid: Assembled
     flexible: System
     report: LoopReport
+
+    __repr__ = brief
 
 
 class _Loading:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, nominal, path_between
+from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
@@ -212,7 +212,7 @@ class Scene:
         """The run at equal samples t, with steps of dt (s) or the next shorter that fits.
 
         Steps of a dt that was asked for may be longer than the samples are apart, which then lie
-        between them (`equal_steps.between`); others end at samples.
+        between them (`equal_steps.between`); others end at samples, and so do those of level ked.
         """
         spec = self.spec
         steps, every = self._count(t, dt)
@@ -225,17 +225,15 @@ class Scene:
                     "Give a word: auto, static or straight."
                 )
             close = {} if spec.tol is None else {"close": 1e-2 * spec.tol}
-            if every:
-                fine[::every] = t  # to the last digit: there the nominal motion may be known
+            fine[::every] = t  # to the last digit: there the nominal motion may be known
             run = solve_ked(
                 self.mechanism, self.motion, fine, method_of(spec), spec.start,
-                spec.ked == "structural", progress, every=max(every, 1), **close,
+                spec.ked == "structural", progress, every=every, **close,
             )  # fmt: skip
             run.settings["integrator"] = spec.by_steps
             if spec.start_speeds:
                 run = replace(run, warnings=(*run.warnings, _NO_SPEEDS))
-            run = self._judged(run, fine, every)
-            return run if every else self._thin(t, every, True)(run)
+            return self._judged(run, fine, every)
         drive, path = self._drive(fine), motor_path(self.mechanism, self.motion, fine)
         keys: dict[str, Any] = {} if self.tolerance is None else {"tolerance": self.tolerance}
         if self.control is not None:
@@ -270,7 +268,7 @@ class Scene:
         end, parts = float(t[-1] - t[0]), len(t) - 1
         every = max(1, int(min(np.ceil(end / dt / parts - 1e-9), 1e12)))
         steps = max(1, int(np.ceil(min(end / dt, 1e12) - 1e-9)))
-        if self.spec.dt is None or every > 1 or steps >= parts:
+        if self.spec.dt is None or self.linear or every > 1 or steps >= parts:
             return every * parts, every
         done = 0.0 if self.before is None else steps * float(self.before.t[-1]) / end
         return (steps, 0) if abs(done - round(done)) < _SAME_INSTANT * steps else (parts, 1)
@@ -285,8 +283,6 @@ class Scene:
             path = motor_path(self.mechanism, self.motion, asked) if prescribed else None
             led = None if path is None else (motor_axes(self.mechanism), path)
             found = coupled.between(run, asked, led)
-            if run.path is not None:
-                found = replace(found, path=nominal(self.mechanism, self.motion, asked))
             h, off = float(run.t[1] - run.t[0]), found.settings["interpolated"]
             text = (
                 f"samples lie between steps of {h:.3g} s, where torques are interpolated to about "
