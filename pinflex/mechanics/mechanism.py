@@ -32,7 +32,7 @@ from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
 from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
-from pinflex.mechanics.model.planes import LeftOut, any_undecided
+from pinflex.mechanics.model.planes import LeftOut, Plane, Spans, any_undecided, plane_of
 from pinflex.mechanics.model.relevance import left_out, with_damping
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
@@ -463,26 +463,30 @@ class _Loading:
         self.last: _Systems | None = None
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
+        self.plane: Plane
+        spans: Spans = {}
         self.model: pin.Model
         self.links: tuple[Link, ...]
         if like is not None and _closes_alike(description, like.description):
             self.model, self.links, self.assembled = like.model, like.links, like.assembled
+            spans = like.plane.spans
             if _alike(description, like.description, _MOVING):
                 self.first, self.last = like.first, like.last
         else:
             self.model = model_of(description)
             self.links = link_tree(self.model, description.joints, self.coupled)
         require_size(self.links, description.urdf_name, description.allow)
+        self.plane = plane_of(description, self.links, spans)
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
         return type(None), ()  # found again where it is needed
 
     def mechanism(self) -> Mechanism:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
-        look = any_undecided(self.description, self.links, self.own)
+        look = any_undecided(self.description, self.links, self.plane, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
         known = self.last
-        made = self.first = self.systems(self.parts(coarse=coarse), self.first)
+        made = self.first = self.systems(self.parts(coarse=coarse), self.first, coarse)
         if look:
             parts, flexible, home = made.parts, made.flexible, made.rigid.home
             out = left_out(self.description, self.links, parts, flexible, home, tuple(self.own))
@@ -499,14 +503,24 @@ class _Loading:
             names, rigid.report, made.report, rigid.idle, self.own, self,
         )  # fmt: skip
 
-    def systems(self, parts: Mapping[str, FlexiblePart], like: _Systems | None) -> _Systems:
-        """The systems of parts: those of a model like this one, where its parts are the same."""
+    def systems(
+        self, parts: Mapping[str, FlexiblePart], like: _Systems | None, coarse: bool = False
+    ) -> _Systems:
+        """The systems of parts: those of a model like this one, where its parts are the same.
+
+        `coarse`: to look at, where masses of the rigid system do not matter.
+        """
         if like is not None and _made_alike(parts, like.parts):
             return replace(like, parts=parts)
-        rigid = self.about(self.tree(parts), parts)
+        rigid = self.assembled
+        if rigid is None or not coarse or rigid.system.closed.contacts:
+            rigid = self.about(self.tree(parts), parts)
         if not parts and not self.geared:
             return _Systems(parts, rigid, *_with_elastic_joints(rigid))
-        flexible, report = self.flexible(parts, rigid)
+        model, gears = rigid.system.rigid, self.geared
+        expansion = expand(self.links, parts, self.needed, model, self.gravity, gears)
+        expansion.model.armature[expansion.v_at] = model.armature
+        flexible, report = flexible_system(self.description, expansion, parts, rigid)
         own = rigid.report
         report = replace(
             report, mobility=own.mobility, sigma_min=own.sigma_min, starts=own.starts,
@@ -519,7 +533,7 @@ class _Loading:
     ) -> dict[str, FlexiblePart]:
         """Flexible links with their bodies, some of them given."""
         name = self.description.name
-        parts = resolve(self.description, self.links, without, coarse)
+        parts = resolve(self.description, self.links, without, coarse, self.plane)
         for link, body in self.own.items():
             if link not in parts:
                 known = nearest(link, parts)
@@ -549,27 +563,14 @@ class _Loading:
         """The rigid system of a tree: one that is known, where masses at most are others."""
         known = self.assembled
         if known is None or known.system.closed.contacts:  # a sleeve knows the beam that it is on
-            self.assembled = self.rigid(tree, parts)
+            motors = motor_rows(self.description, tree.model)
+            limits = limits_of(self.model, tree.model)
+            names = coordinate_names(tree.model)
+            self.assembled = rigid_system(self.description, tree, parts, motors, names, limits)
         else:
             system = replace(known.system, rigid=tree.model, expansion=tree)
             self.assembled = replace(known, system=system)
         return self.assembled
-
-    def rigid(self, tree: Expansion, parts: Mapping[str, FlexiblePart]) -> Assembled:
-        """The rigid system, closed at home."""
-        motors = motor_rows(self.description, tree.model)
-        limits = limits_of(self.model, tree.model)
-        names = coordinate_names(tree.model)
-        return rigid_system(self.description, tree, parts, motors, names, limits)
-
-    def flexible(
-        self, parts: Mapping[str, FlexiblePart], rigid: Assembled
-    ) -> tuple[System, LoopReport]:
-        """The flexible system about the rigid one."""
-        model = rigid.system.rigid
-        expansion = expand(self.links, parts, self.needed, model, self.gravity, self.geared)
-        expansion.model.armature[expansion.v_at] = model.armature
-        return flexible_system(self.description, expansion, parts, rigid)
 
 
 def _with_elastic_joints(rigid: Assembled) -> tuple[System, LoopReport]:

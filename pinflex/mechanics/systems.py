@@ -248,17 +248,9 @@ def rigid_system(
             _refuse_singular_home(description, dynamics, home, redundant, full, fit.rank)
         if len(motors) + len(system.held) >= nv - len(kept) - spun:
             sigma = _sigma_at_home(dynamics, description, home, names, where)
-    joined = len(coupled)
-    report = LoopReport(
-        every.n - joined,
-        len(kept) - joined,
-        redundant,
-        nv - len(kept) - spun - len(system.held),
-        sigma,
-        closed.starts,
-        joined,
-        fit.gaps,
-    )
+    joined, mobility = len(coupled), nv - len(kept) - spun - len(system.held)
+    of = every.n - joined, len(kept) - joined, redundant
+    report = LoopReport(*of, mobility, sigma, closed.starts, joined, fit.gaps)
     return Assembled(system, home, report, idle, ground, fit)
 
 
@@ -353,9 +345,8 @@ def _with_lengths(system: System, guess: Array) -> Closures:
     closed = system.closed
     if not np.any(np.isnan(closed.lengths)):
         return closed
-    dynamics = Equations(
-        replace(system, closed=replace(closed, lengths=np.ones(len(closed.lengths))))
-    )
+    some = replace(closed, lengths=np.ones(len(closed.lengths)))
+    dynamics = Equations(replace(system, closed=some))
     origins = closed.frames(dynamics.joint_poses(guess))[0, :, :, 3]
     a, loops = closed.loop_of[closed.distance_rows], len(closed.names)
     measured = np.linalg.norm(origins[loops + a] - origins[a], axis=1)

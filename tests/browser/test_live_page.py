@@ -59,7 +59,7 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
     settings = somewhere(browser, rng)
-    # payload, speed, damping; shaper, if the move stops; thickness, wall (of ur5's it grows too much)
+    # payload, speed, damping; shaper where the move stops; thickness, wall (of ur5: too many bytes)
     assert len(settings) == 4 + (model == "delta")
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text

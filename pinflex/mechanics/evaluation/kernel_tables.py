@@ -192,8 +192,9 @@ def uncovered(system: System) -> str | None:
     known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
     if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
         return "closure row of another sort"
-    for joint in system.expansion.model.joints[1:]:
-        name = joint.shortname().removeprefix(_PREFIX)
+    joints = system.expansion.model.joints
+    for j in range(1, len(joints)):  # to iterate over Pinocchio's vectors copies each joint
+        name = joints[j].shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
             return f"joint of Pinocchio's kind {name}"
     return _unknown(system, KNOWN | {type(system): SYSTEM}, set())
@@ -202,30 +203,31 @@ def uncovered(system: System) -> str | None:
 def _unknown(value: object, known_of: Mapping[type, frozenset[str]], seen: set[int]) -> str | None:
     """A record, or a field of one, that is not among the known, of all that a value is made of."""
     kind: type = type(value)
-    if kind in _PLAIN or id(value) in seen:
+    names = _names(kind)
+    if names is None or id(value) in seen:
         return None
     seen.add(id(value))
-    parts: Iterable[object] = ()
-    if is_dataclass(value):
-        names, known = _names(kind), known_of.get(kind)
+    if names:
+        known = known_of.get(kind)
         if known is None or not known.issuperset(names):
             new = sorted(set(names) - (known or set()))
             return f"{kind.__name__}.{new[0]}" if known is not None else kind.__name__
-        parts = [getattr(value, name) for name in names]
-    elif isinstance(value, Mapping):
-        parts = value.values()
-    elif isinstance(value, tuple | list):
-        parts = value
+        parts: Iterable[Any] = [getattr(value, name) for name in names]
+    else:
+        parts = value.values() if isinstance(value, Mapping) else value  # type: ignore[assignment]
     for part in parts:
-        found = _unknown(part, known_of, seen)
+        found = None if type(part) in _PLAIN else _unknown(part, known_of, seen)
         if found is not None:
             return found
     return None
 
 
 @cache
-def _names(record: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(record))
+def _names(kind: type) -> tuple[str, ...] | None:
+    """Fields of a record; (): a collection; None: what has no parts."""
+    if is_dataclass(kind):
+        return tuple(field.name for field in fields(kind))
+    return () if issubclass(kind, Mapping | tuple | list) else None
 
 
 def node_of_joints(system: System) -> IntArray:
@@ -342,8 +344,8 @@ def _kind(joint: Any) -> tuple[int, Sequence[float]]:
 
 def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:
     return {
-        f"{prefix}_q": [int(model.joints[j].idx_q) for j in joints],
-        f"{prefix}_v": [int(model.joints[j].idx_v) for j in joints],
+        f"{prefix}_q": np.array(model.idx_qs.tolist())[joints],
+        f"{prefix}_v": np.array(model.idx_vs.tolist())[joints],
     }
 
 
@@ -422,7 +424,8 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
     for block in expansion.blocks:
         bodies, _, n = block.Phi.shape
         first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
-    rows = [slice(joint.idx_v, joint.idx_v + joint.nv) for joint in list(model.joints)[1:]]
+    at = zip(model.idx_vs.tolist(), model.nvs.tolist(), strict=True)
+    rows = [slice(row, row + count) for row, count in at][1:]
     starts = np.unique([first[at].min() for at in rows])
     ends = np.append(starts[1:], nv + expansion.n_eta)
     of = np.searchsorted(starts, first, side="right") - 1
@@ -498,7 +501,7 @@ def _loops(closed: Closures, node_of: IntArray) -> dict[str, Any]:
 
 def _couplings(coupled: CoupledRows, model: pin.Model) -> dict[str, Any]:
     """Joints of each coupling, with their factors."""
-    v_of = {int(joint.idx_q): int(joint.idx_v) for joint in model.joints[1:]}
+    v_of = dict(zip(model.idx_qs.tolist(), model.idx_vs.tolist(), strict=True))
     entries = _sparse(coupled.A, "couple")
     at = coupled.at[entries["couple_j"]]
     return {

@@ -12,7 +12,7 @@ Q = T(y), V = X v, A = X a + Xdot v, and Pinocchio does the rest on Q.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 
@@ -74,19 +74,13 @@ def _straight(row: Row) -> bool:
 
 def _positions(model: pin.Model) -> IntArray:
     """Position in Q of each velocity row of a joint with as many of one as of the other."""
-    q_of = np.empty(model.nv, dtype=np.intp)
-    for joint in model.joints[1:]:
-        if joint.nq == joint.nv:
-            q_of[joint.idx_v : joint.idx_v + joint.nv] = joint.idx_q + np.arange(joint.nv)
-    return q_of
+    at, rows, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
+    return np.repeat(at - rows, counts) + np.arange(model.nv)
 
 
-_POINT = np.zeros((3, 3))
-_TURNS: tuple[Callable[[], pin.JointModel], ...] = (
-    pin.JointModelRZ,
-    pin.JointModelRY,
-    pin.JointModelRX,
-)
+_POINT, _STRAIGHT, _HERE = np.zeros((3, 3)), np.eye(3), pin.SE3.Identity()
+_SLIDE = pin.JointModelTranslation()
+_TURNS = pin.JointModelRZ(), pin.JointModelRY(), pin.JointModelRX()
 
 
 @dataclass
@@ -277,7 +271,7 @@ class _Assembler:
         rows = np.empty(len(body.xt), dtype=np.intp)
         for k, inertia in enumerate(body.It):
             name = f"twist {self.model.njoints}"
-            joint = self.model.addJoint(root.joint, pin.JointModelRX(), root.placement, name)
+            joint = self.model.addJoint(root.joint, _TURNS[2], root.placement, name)
             rows[k] = self.model.idx_vs[joint]
             G = None if body.G_t is None else body.G_t[k : k + 1]
             self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)
@@ -295,9 +289,9 @@ class _Assembler:
         return Interface(float(place[0]), Attachment(joint, pin.SE3.Identity()), slide)
 
     def _slide(self, root: Attachment, place: Array) -> int:
-        placement = root.placement * pin.SE3(np.eye(3), place)
+        placement = root.placement * pin.SE3(_STRAIGHT, place)
         name = f"section {self.model.njoints}"
-        return int(self.model.addJoint(root.joint, pin.JointModelTranslation(), placement, name))
+        return int(self.model.addJoint(root.joint, _SLIDE, placement, name))
 
     def _turn(self, joint: int, slot: int, Phi: Array, G: Array | None) -> int:
         """Rotations z, y, x of a section: only the ones that move become joints."""
@@ -306,7 +300,7 @@ class _Assembler:
             if not Phi[direction].any() and (curve is None or not curve.any()):
                 continue
             name = f"turn {self.model.njoints}"
-            joint = int(self.model.addJoint(joint, turn(), pin.SE3.Identity(), name))
+            joint = int(self.model.addJoint(joint, turn, _HERE, name))
             bend = None if curve is None else curve[None]
             self._map(slot, self._rows(joint), Phi[direction][None], bend)
         return joint
@@ -316,16 +310,15 @@ class _Assembler:
         return np.arange(start, start + self.model.nvs[joint])
 
     def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
-        for k, row in enumerate(rows.tolist()):
-            curve = G[k] if G is not None and G[k].any() else None
-            self.maps[slot].append((row, Phi[k], curve))
+        curves = {} if G is None else {int(k): G[k] for k in np.flatnonzero(G.any(axis=(1, 2)))}
+        self.maps[slot] += [(row, Phi[k], curves.get(k)) for k, row in enumerate(rows.tolist())]
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:
             self._inertia(here.joint, here.placement.act(inertia))
 
     def _inertia(self, joint: int, inertia: pin.Inertia) -> None:
-        self.model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        self.model.appendBodyToJoint(joint, inertia, _HERE)
 
 
 def expand(

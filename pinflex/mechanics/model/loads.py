@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -134,6 +135,11 @@ class Expansion:
     n_eta: int
     drives: tuple[ElasticDrive, ...] = ()
 
+    @cached_property
+    def last(self) -> dict[bytes, tuple[Array, Array]]:
+        """Where the joints were last, see `pinflex.mechanics.reference.evaluator.Placing`."""
+        return {}
+
 
 def gear_name(joint: str) -> str:
     """Name in the expanded model of the joint between a motor's side and the link."""
@@ -144,10 +150,11 @@ def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArra
     """Where the q and v of the rigid model sit in Q and V."""
     q_at = np.empty(rigid.nq, dtype=np.intp)
     v_at = np.empty(rigid.nv, dtype=np.intp)
-    for joint, name in zip(rigid.joints[1:], rigid.names[1:], strict=True):
-        there = model.joints[model.getJointId(name)]
-        q_at[joint.idx_q : joint.idx_q + joint.nq] = there.idx_q + np.arange(joint.nq)
-        v_at[joint.idx_v : joint.idx_v + joint.nv] = there.idx_v + np.arange(joint.nv)
+    for j, name in enumerate(rigid.names):
+        k = model.getJointId(name)
+        q, v, nq, nv = rigid.idx_qs[j], rigid.idx_vs[j], rigid.nqs[j], rigid.nvs[j]
+        q_at[q : q + nq] = model.idx_qs[k] + np.arange(nq)
+        v_at[v : v + nv] = model.idx_vs[k] + np.arange(nv)
     return q_at, v_at
 
 

@@ -26,10 +26,9 @@ from pinflex.mechanics.model.planes import (
     LeftOut,
     Plane,
     active_planes,
-    beam_frame,
+    placed_beam,
     plane_of,
     require_carrying,
-    span,
     with_shear,
 )
 from pinflex.mechanics.model.tree import Link, Rider
@@ -176,8 +175,9 @@ def resolve(
     links: Sequence[Link],
     without: Mapping[str, Sequence[LeftOut]] | None = None,
     coarse: bool = False,
+    plane: Plane | None = None,
 ) -> dict[str, FlexiblePart]:
-    """Turn the description of flexible links into bodies.
+    """Turn the description of flexible links into bodies; `plane`: of this description, if known.
 
     Returns:
         Parts by link name.
@@ -185,7 +185,7 @@ def resolve(
         DescriptionError: A span that cannot be found, a mass that is not there.
     """
     index = {link.name: number for number, link in enumerate(links)}
-    plane = plane_of(description, links)
+    plane = plane_of(description, links, {}) if plane is None else plane
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
     parts: dict[str, FlexiblePart] = {}
     for spec in description.flexible:
@@ -215,9 +215,8 @@ def _part(
 ) -> FlexiblePart:
     where = f"{description.name}: flexible.{spec.link}"
     number = index[spec.link]
-    start, end = span(where, spec, number, links, index)
+    placement, length = placed_beam(where, spec, links, index, plane.spans)
     require_carrying(where, description, spec, number, links, index)
-    placement, length = beam_frame(where, spec, links[number], start, end)
     if spec.basis.kind in solid_keys.KINDS:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = active_planes(where, spec, plane.poses[number] * placement, plane, out)
@@ -232,20 +231,12 @@ def _part(
         spec = _with_density(spec, mass / (_built(spec, length)[0].section.A * length))
     require_beam(spec, length, where, description.allow)
     spec, reason = with_shear(spec, planes, length, reason)
-    unit = _bodies(spec, planes, length)
-    part = FlexiblePart(
-        spec.link,
-        placement,
-        length,
-        planes,
-        reason,
-        unit,
-        tree.end_riders(spec, length),
-        spec,
-        left_out=out,
-    )
+    beam = _beam(spec, planes, length)
+    bodies, riders = (_body(beam),) * spec.segments, tree.end_riders(spec, length)
+    told = planes, reason, bodies, riders, spec
+    part = FlexiblePart(spec.link, placement, length, *told, left_out=out)
     keeps = spec.inertia == "urdf" and mass > 0
-    return _ridden(where, part, links[number].inertia) if keeps else part
+    return _ridden(where, part, links[number].inertia, beam) if keeps else part
 
 
 @dataclass(frozen=True)
@@ -268,11 +259,6 @@ class _Beam:
 def _body(beam: _Beam) -> FlexibleBody:
     """The body of a beam, kept: designs of one robot differ in a few links."""
     return flexible_body(beam.spec, beam.planes, beam.length)
-
-
-def _bodies(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> tuple[FlexibleBody, ...]:
-    """Bodies of the described density; equal links share what follows from it."""
-    return (_body(_beam(spec, planes, length)),) * spec.segments
 
 
 def _beam(spec: FlexibleLink, planes: tuple[str, ...], length: float) -> _Beam:
@@ -325,13 +311,13 @@ def _with_density(spec: FlexibleLink, rho: float | None) -> FlexibleLink:
     return replace(spec, material=replace(spec.material, rho=rho))
 
 
-def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia) -> FlexiblePart:
+def _ridden(where: str, part: FlexiblePart, urdf: pin.Inertia, own: _Beam) -> FlexiblePart:
     """The part with the URDF's inertia, shared between its beam (as built) and riders."""
     spec, rho = part.spec, part.spec.material.rho or 0.0
     built, length = _built(spec, part.length)
     inertia = part.placement.actInv(urdf)
     numbers = np.concatenate([[inertia.mass], inertia.lever, inertia.inertia.ravel()]).tobytes()
-    own, theirs = _beam(spec, part.planes, part.length), _beam(built, part.planes, length)
+    theirs = own if built is spec else _beam(built, part.planes, length)
     shares, body = _weighed(_Ridden(own, theirs, numbers, inertia, part.riders))
     if shares.share < tree.LEAST:
         lighter = rho * shares.share / tree.LEAST

@@ -6,7 +6,7 @@ Model only what the scene needs: a mechanism that moves in one plane bends in th
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import Link
+from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.description.description import Description
@@ -144,25 +145,30 @@ def joint_axis(link: Link) -> tuple[float, float, float] | None:
     """Axis of the link's own joint in the link's frame, when it has just one."""
     if len(link.steps) != 1:
         return None
-    model = pin.Model()
-    joint = model.addJoint(0, link.steps[0].model, pin.SE3.Identity(), "joint")
-    if model.nv != 1:
+    joint = link.steps[0].model
+    if joint.nv != 1:
         return None
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
-    column = np.reshape(jacobian, 6)  # Pinocchio hands one column over as a vector
+    data, start = joint.createData(), np.zeros(joint.nq)
+    start[:1] = joint.nq > joint.nv  # cos, sin
+    joint.calc(data, start)
+    column = np.asarray(data.S, dtype=float).ravel()
     axis = column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
     return (float(axis[0]), float(axis[1]), float(axis[2]))
 
 
+# Beam frame in the link's frame, and length [m], by what they follow from.
+Spans = dict[tuple[object, ...], tuple[pin.SE3, float]]
+
+
 def placed_beam(
-    where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int]
+    where: str, spec: FlexibleLink, links: Sequence[Link], index: Mapping[str, int], spans: Spans
 ) -> tuple[pin.SE3, float]:
-    """Beam frame in the link's frame, and the span."""
-    number = index[spec.link]
-    start, end = span(where, spec, number, links, index)
-    return beam_frame(where, spec, links[number], start, end)
+    """Beam frame in the link's frame, and the length in m; `spans`: those known of these links."""
+    key, number = (spec.link, spec.start, spec.end, spec.up, spec.length), index[spec.link]
+    if key not in spans:
+        start, end = span(where, spec, number, links, index)
+        spans[key] = beam_frame(where, spec, links[number], start, end)
+    return spans[key]
 
 
 def beam_frame(
@@ -219,14 +225,18 @@ class Plane:
         poses: Of the links at zero joint angles, in the world.
         normal: World frame, shape (3,); None: a spatial scene.
         reason: What leaves the plane, in words, where nothing but that does.
+        spans: Beams placed so far.
     """
+
+    __repr__ = brief
 
     poses: list[pin.SE3]
     normal: Array | None
     reason: str = ""
+    spans: Spans = field(default_factory=dict)
 
 
-def plane_of(description: Description, links: Sequence[Link]) -> Plane:
+def plane_of(description: Description, links: Sequence[Link], spans: Spans) -> Plane:
     """The plane that a scene is a mirror image of itself in: nothing bends out of it or twists.
 
     All joints turn about one direction, and everything that acts is in the plane across it.
@@ -238,15 +248,15 @@ def plane_of(description: Description, links: Sequence[Link]) -> Plane:
     cut = {loop.name for loop in description.loops if loop.clearance is not None}
     normal = _common_axis(links, poses, cut)
     if normal is None:
-        return Plane(poses, None)
-    every = list(_acting(description, links, poses))
+        return Plane(poses, None, "", spans)
+    every = list(_acting(description, links, poses, spans))
     points = [p for one in every for p in one.points]
     reach = max((float(np.linalg.norm(p - points[0])) for p in points), default=0.0)
     height = float(normal @ points[0]) if points else 0.0
     for one in every:
         if one.leaves(normal, height, reach):
-            return Plane(poses, None, f"{one.what} is not in the plane of the joints")
-    return Plane(poses, normal)
+            return Plane(poses, None, f"{one.what} is not in the plane of the joints", spans)
+    return Plane(poses, normal, "", spans)
 
 
 @dataclass(frozen=True)
@@ -284,7 +294,7 @@ class _Acting:
 
 
 def _acting(
-    description: Description, links: Sequence[Link], poses: Sequence[pin.SE3]
+    description: Description, links: Sequence[Link], poses: Sequence[pin.SE3], spans: Spans
 ) -> Iterator[_Acting]:
     """All that has mass, carries or loads the scene."""
     index = {link.name: number for number, link in enumerate(links)}
@@ -296,7 +306,7 @@ def _acting(
             places = (I.lever,) if I.mass > 0 else ()
             yield _Acting(f"the mass of {link.name}", places, inertia=I.inertia, mass=I.mass)
     yield _Acting("gravity", along=(np.array(description.gravity, float),))
-    yield from _beams(description, links, poses, index)
+    yield from _beams(description, links, poses, index, spans)
     yield from _loads(description, poses, index)
 
 
@@ -305,13 +315,14 @@ def _beams(
     links: Sequence[Link],
     poses: Sequence[pin.SE3],
     index: Mapping[str, int],
+    spans: Spans,
 ) -> Iterator[_Acting]:
     """Beams lie in the plane, and their patches bend them in it."""
     for spec in description.flexible:
         if spec.basis.kind in material.KINDS:
             continue
         where = f"{description.name}: flexible.{spec.link}"
-        placement, length = placed_beam(where, spec, links, index)
+        placement, length = placed_beam(where, spec, links, index, spans)
         beam = poses[index[spec.link]] * placement
         x, _, z = beam.rotation.T
         ends = (beam.translation, beam.translation + length * x)
@@ -383,16 +394,15 @@ def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
 
 
 def any_undecided(
-    description: Description, links: Sequence[Link], given: Collection[str] = ()
+    description: Description, links: Sequence[Link], plane: Plane, given: Collection[str] = ()
 ) -> bool:
     """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
     index = {link.name: number for number, link in enumerate(links)}
-    plane = plane_of(description, links)
     for spec in description.flexible:
         if spec.basis.kind in material.KINDS or spec.link in given:
             continue
         where = f"{description.name}: flexible.{spec.link}"
-        placement, _ = placed_beam(where, spec, links, index)
+        placement, _ = placed_beam(where, spec, links, index, plane.spans)
         planes, _ = active_planes(where, spec, plane.poses[index[spec.link]] * placement, plane, ())
         if undecided(spec, planes):
             return True
@@ -407,11 +417,7 @@ def _asked(spec: FlexibleLink) -> dict[str, bool | str]:
 
 
 def active_planes(
-    where: str,
-    spec: FlexibleLink,
-    world: pin.SE3,
-    plane: Plane,
-    out: Sequence[LeftOut],
+    where: str, spec: FlexibleLink, world: pin.SE3, plane: Plane, out: Sequence[LeftOut]
 ) -> tuple[tuple[str, ...], str]:
     """Active directions: what was asked, and otherwise what the scene excites enough to matter."""
     if plane.normal is None:

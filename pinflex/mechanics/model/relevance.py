@@ -250,12 +250,9 @@ def _load_cases(
         yield f"pull of spring {spring.name}", (here - there) @ (far - near), ""
     M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]
     unit = np.eye(n)[system.motors]
+    each = _follow(J, unit, np.eye(len(unit)))
     for k in range(len(unit)):
-        yield (
-            f"acceleration of {_motor(description, k)}",
-            -M @ _follow(J, unit, np.eye(len(unit))[k]),
-            "",
-        )
+        yield f"acceleration of {_motor(description, k)}", -M @ each[:, k], ""
     yield from _nominal_cases(description, look, M, J)
     for axis, force in zip("xyz", (look.falling() @ base).T, strict=True):
         yield f"own weight along {axis}", force, "".join(_BENDING)
@@ -273,8 +270,8 @@ def base_axes(links: Sequence[Link], flexible: Collection[str]) -> Array:
 
 
 def _follow(J: Array, rows: Array, rates: Array) -> Array:
-    """Rates of the rigid joints, loops closed, at which `rows` have given rates, shape (n,)."""
-    rates = np.concatenate([np.zeros(len(J)), rates])
+    """Rates of the rigid joints, loops closed, at which `rows` have given rates, (n, cases)."""
+    rates = np.concatenate([np.zeros((len(J), rates.shape[1])), rates])
     return np.asarray(np.linalg.lstsq(np.vstack([J, rows]), rates, rcond=1e-10)[0])
 
 
@@ -293,10 +290,11 @@ def _nominal_cases(
         rows = _imposed(description, look, motion)
     except PinflexError:
         return  # a motion that cannot be read says so where it is used
-    for t, v, a in zip(instants, speeds, accelerations, strict=True):
+    each = _follow(J, rows, np.concatenate([speeds, accelerations]).T).T
+    for t, v, a in zip(instants, each[:_INSTANTS], each[_INSTANTS:], strict=True):
         move = np.zeros(look.system.nv)
-        move[: look.n] = _follow(J, rows, v)
-        yield f"motion at {t:.3g} s", look.moving(move) - M @ _follow(J, rows, a), ""
+        move[: look.n] = v
+        yield f"motion at {t:.3g} s", look.moving(move) - M @ a, ""
 
 
 def _imposed(description: Description, look: _Look, motion: Motion) -> Array:
@@ -352,14 +350,8 @@ def _of(parts: Mapping[Key, float], total: float) -> dict[Key, float]:
 
 _ROUND_OFF = 1e-9  # of the largest entry, for symmetry and for the sign of energy
 
-_DAMPED_AXES = [
-    0,
-    1,
-    2,
-    5,
-    4,
-    3,
-]  # rows (u, v, w, rz, ry, rx) as displacement and rotation about x, y, z
+# Rows (u, v, w, rz, ry, rx) as displacement and rotation about x, y, z.
+_DAMPED_AXES = [0, 1, 2, 5, 4, 3]
 
 
 def rows_of(expansion: Expansion) -> dict[str, IntArray]:

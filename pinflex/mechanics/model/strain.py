@@ -13,7 +13,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import Curvature, FlexibleBody
 from pinflex.bodies.family import quadrature
-from pinflex.mechanics.model.loads import Block, Expansion
+from pinflex.mechanics.model.loads import Expansion
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
@@ -131,6 +131,7 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
     rest, counts = g_at[1:].copy(), np.zeros(len(g_at) - 1, dtype=np.intp)
     first, above = counts.copy(), 0
     bodies = {slot.eta.start: slot.body for slot in expansion.slots}
+    known: dict[int, tuple[Array, Squares | None]] = {}  # of bodies that several links share
     psi: list[Array] = []
     weight: list[Array] = []
     eta: list[int] = []
@@ -139,7 +140,11 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
         size, count, n = block.Phi.shape
         for k in range(size):
             start = block.eta.start + n * k
-            found = _squares(block, k, bodies.get(start))
+            body, G = bodies.get(start), block.G[k]
+            same = known.get(id(body))
+            if same is None or not np.array_equal(same[0], G):
+                same = known[id(body)] = G, _squares(G, body)
+            found = same[1]
             if found is not None:
                 rows = above + found.rows
                 rest[rows], counts[rows], first[rows] = g_at[rows], len(found.psi), len(eta)
@@ -163,11 +168,11 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
     }
 
 
-def _squares(block: Block, k: int, body: FlexibleBody | None) -> Squares | None:
+def _squares(G: Array, body: FlexibleBody | None) -> Squares | None:
     """The rows of a body that are worth it; None: none."""
-    if body is None or not body.families:
+    if body is None or not body.families or not len(G):
         return None
-    G, n = block.G[k], block.G.shape[-1]
+    n = G.shape[-1]
     psi = _slopes(body, n)
     same = np.abs(psi).T @ np.abs(psi) > 0.0  # pairs that a square can have
     entries = np.count_nonzero(np.triu(G), axis=(1, 2))

@@ -47,19 +47,17 @@ if TYPE_CHECKING:
 
 _LARGE = 31  # velocity rows from which a workspace (4 nV^3 numbers) is dear beside a few looks
 
+Last = dict[bytes, tuple[Array, Array]]  # poses and Jacobian by the bytes of Q
+
 
 class Placing:
     """The joints of one model."""
 
-    def __init__(self, model: pin.Model, joints: Iterable[int] = ()) -> None:
-        """`joints`: those at leaves of the tree that are looked at."""
-        self.model, self._joints = model, joints
-        self._steps = [
-            (joint, int(above), place)
-            for joint, above, place in zip(
-                model.joints, model.parents, model.jointPlacements, strict=True
-            )
-        ][1:]
+    def __init__(
+        self, model: pin.Model, joints: Iterable[int] = (), last: Last | None = None
+    ) -> None:
+        """`joints`: those at leaves of the tree that are looked at. `last`: dear poses by Q."""
+        self.model, self._joints, self._last = model, joints, {} if last is None else last
 
     @cached_property
     def data(self) -> pin.Data:
@@ -87,7 +85,7 @@ class Placing:
         are, at several configurations of a large model, those of stations that carry nothing.
         """
         if self._dear:
-            return self._bones.jacobians(Q) if len(Q) > 1 else self._step_by_step(Q[0])
+            return self._bones.jacobians(Q) if len(Q) > 1 else self._jacobian_at(Q[0])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
             J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
@@ -112,16 +110,30 @@ class Placing:
         ]
         return np.array(rates).reshape(len(Q), 6, model.nv)
 
+    def _jacobian_at(self, q: Array) -> tuple[Array, Array]:
+        """The same, where it is known: at home all who load a system look."""
+        found = self._last.get(key := q.tobytes())
+        if found is None:
+            found = self._step_by_step(q)
+            for array in found:
+                array.flags.writeable = False  # others look at it, too
+            self._last.clear()
+            self._last[key] = found
+        return found
+
     def _step_by_step(self, q: Array) -> tuple[Array, Array]:
         """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
         placed, J = [pin.SE3.Identity()], np.zeros((6, self.model.nv))
-        for joint, above, place in self._steps:
+        joints, above, places = self.model.joints, self.model.parents, self.model.jointPlacements
+        rows, counts = self.model.idx_vs, self.model.nvs
+        for j in range(1, len(joints)):
+            joint = joints[j]
             data = joint.createData()
             joint.calc(data, q)
-            here = placed[above] * (place * data.M)
+            here = placed[above[j]] * (places[j] * data.M)
             placed.append(here)
             S = np.asarray(data.S, dtype=float).reshape(6, -1)
-            J[:, joint.idx_v : joint.idx_v + joint.nv] = here.action @ S
+            J[:, rows[j] : rows[j] + counts[j]] = here.action @ S
         return _twelve([[place.np for place in placed]]), J[None]
 
 
@@ -165,13 +177,13 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
     Of each row the mass beyond it, times how it moves its centre.
     """
     joints = int(model.njoints)
-    mass, first = np.zeros(joints), np.zeros((joints, 3))
-    for j in range(joints - 1, 0, -1):
-        inertia, R = model.inertias[j], poses[j, :9].reshape(3, 3).T
-        mass[j] += inertia.mass
-        first[j] += inertia.mass * (R @ inertia.lever + poses[j, 9:])
-        mass[model.parents[j]] += mass[j]
-        first[model.parents[j]] += first[j]
+    own = [model.inertias[j] for j in range(joints)]
+    mass, lever = (np.array([getattr(x, of) for x in own]) for of in ("mass", "lever"))
+    centre = (lever[:, None] @ poses[:, :9].reshape(-1, 3, 3))[:, 0] + poses[:, 9:]
+    first = mass[:, None] * centre
+    for j, above in reversed([*enumerate(model.parents.tolist())][1:]):
+        mass[above] += mass[j]
+        first[above] += first[j]
     of = np.repeat(np.arange(joints), np.array(model.nvs))
     return np.asarray(mass[of] * J[:3] + np.cross(J[3:].T, first[of]).T)
 
@@ -280,7 +292,10 @@ class Reference:
 
     def __init__(self, system: System) -> None:
         self.system, self.model = system, system.expansion.model
-        self.map, self.placing = CoordinateMap(system), Placing(self.model, system.looked_at)
+        self.map, self.placing = (
+            CoordinateMap(system),
+            Placing(self.model, system.looked_at, system.expansion.last),
+        )
         self.strain = Strain(system)
         self._q, self._v = int(system.rigid.nq), int(system.rigid.nv)
 
