@@ -82,7 +82,7 @@ def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
     sensor = pf.Deflection("distal_1", 0.1)
     drives = [pf.Travel("a"), pf.Effort("a"), pf.Voltage("p")]
     sensors = [pf.Encoder("a"), pf.StrainGauge("b", 0.1), pf.Imu("tool")]
-    limits = Limits(1.0, 1.0, 1.0, one, one)
+    limits = Limits(1.0, 1.0, 1.0, one, one, one)
     fastest = pf.Fastest(
         "a", "joints", {"b": 1.0}, 0.1, 0.1, 1e-5, 1e-6, 1e-9, {}, {}, 0.09, limits, MOVE,
         {"nominal": run}, {"nominal": robot}, None, "tool", np.ones(3),
