@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.family import BENDING, BOUNDARIES, ORDERS, Family, quadrature
+from pinflex.bodies.family import BENDING, Family, quadrature
+from pinflex.description.blocks.material import BASES, BOUNDARIES, KINDS, ORDERS
 from pinflex.errors import DescriptionError, nearest
 
 if TYPE_CHECKING:
@@ -230,7 +231,7 @@ def _require_basis(link: FlexibleLink) -> None:
     """Known words, and shear only in functions that have it."""
     basis = link.basis
     for key, name, known in (
-        ("kind", basis.kind, ("craig_bampton", "finite_element", "assumed", "ritz8")),
+        ("kind", basis.kind, [kind for kind in BASES if kind not in KINDS]),
         ("order", basis.order, ORDERS),
         ("boundary", basis.boundary, BOUNDARIES),
     ):

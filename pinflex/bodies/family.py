@@ -39,7 +39,6 @@ _SHIFTS = {
     "clamped_clamped": 0.5,
     "free_free": 0.5,
 }
-BOUNDARIES = tuple(_SHIFTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def roots(boundary: str, n: int) -> Array:
     """
     if boundary not in _SHIFTS:
         raise DescriptionError(
-            f'boundary: unknown boundary "{boundary}".{nearest(boundary, BOUNDARIES)}',
+            f'boundary: unknown boundary "{boundary}".{nearest(boundary, _SHIFTS)}',
             boundary=boundary,
         )
     b = np.asarray((np.arange(1, n + 1) + _SHIFTS[boundary]) * np.pi, dtype=np.float64)
@@ -178,7 +177,6 @@ _COMPANIONS = {
     "cubic": {"v": "cubic", "w": "cubic", "p": "linear", "u": "linear"},
     "quintic": {"v": "quintic", "w": "quintic", "p": "cubic", "u": "linear"},
 }
-ORDERS = tuple(_COMPANIONS)
 # Shape functions of an element of unit length in powers of xi = x / l: one row per coordinate,
 # (value, slope, curvature) at xi = 0, then at xi = 1. Scenes 1.1: n1..n6, n7..n10, (1 - e, e).
 _HERMITE = {

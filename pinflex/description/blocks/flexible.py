@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pinflex.description import section
 from pinflex.description.blocks import material
 from pinflex.description.blocks.external import frame
-from pinflex.description.blocks.material import Material
+from pinflex.description.blocks.material import BASES, BOUNDARIES, ORDERS, STRETCHES, Material
 from pinflex.description.files import Source
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
@@ -171,26 +171,7 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
 
 
 Switch = bool | Literal["auto"]
-# Keys of each kind of basis.
-BASES: dict[str, tuple[str, ...]] = {
-    "craig_bampton": ("internal",),
-    "finite_element": ("elements", "order", "boundary"),
-    "assumed": ("boundary", "modes", "stretch"),
-    "ritz8": (),
-    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
-    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
-}
 INERTIAS = ("urdf", "beam")
-ORDERS = ("cubic", "quintic")
-STRETCHES = ("sines", "polynomials")
-BOUNDARIES = (
-    "clamped_free",
-    "pinned_free",
-    "pinned_pinned",
-    "clamped_pinned",
-    "clamped_clamped",
-    "free_free",
-)
 
 
 def _modes(value: object, where: str, kind: str) -> int:

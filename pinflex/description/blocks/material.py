@@ -140,8 +140,27 @@ def _elastic(
     return E, nu, given["G"]
 
 
-# Keys of solid links in a description: the kinds mesh and matrices of `basis`.
+# Words of `basis`, and what solid links, the kinds mesh and matrices, take.
 
+# Keys of each kind of basis.
+BASES: dict[str, tuple[str, ...]] = {
+    "craig_bampton": ("internal",),
+    "finite_element": ("elements", "order", "boundary"),
+    "assumed": ("boundary", "modes", "stretch"),
+    "ritz8": (),
+    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
+    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
+}
+ORDERS = ("cubic", "quintic")
+STRETCHES = ("sines", "polynomials")
+BOUNDARIES = (
+    "clamped_free",
+    "pinned_free",
+    "pinned_pinned",
+    "clamped_pinned",
+    "clamped_clamped",
+    "free_free",
+)
 KINDS = ("mesh", "matrices")
 BEAM_KEYS = (
     *("bending_y", "bending_z", "torsion", "axial", "rotary_inertia", "third_order", "shear"),

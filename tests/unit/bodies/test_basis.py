@@ -19,6 +19,7 @@ from pinflex.bodies import family as beam_modes
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.beam import second_order
 from pinflex.description.blocks.flexible import Basis, EndMass
+from pinflex.description.blocks.material import BOUNDARIES
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError
 from tests.bar import BAR, CB, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega
@@ -226,7 +227,7 @@ def test_absent_directions_are_absent() -> None:
 def test_only_families_free_at_the_root_move_it() -> None:
     moves = {
         boundary: body("v", Basis("assumed", boundary=boundary)).root_moves
-        for boundary in beam_modes.BOUNDARIES
+        for boundary in BOUNDARIES
     }
     assert [k for k, v in moves.items() if v] == ["pinned_free", "pinned_pinned", "free_free"]
     assert not body("uvwp").root_moves and not body("uvwp", QUINTIC).root_moves
