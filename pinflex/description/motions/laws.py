@@ -130,7 +130,7 @@ def _over(x: Array, y: Array) -> Array:
 
 def _power(x: Array, y: Array) -> Array:
     if np.any(y[1:]) or np.ptp(y[0]):
-        return _FUNCTIONS["exp"](_times(y, _FUNCTIONS["log"](x)))
+        return _exp(_times(y, _log(x)))
     n = float(y[0].flat[0])
     if n in (0.0, 1.0):  # their derivatives must not divide by zero
         return x if n else np.array([np.ones_like(x[0]), 0.0 * x[0], 0.0 * x[0]])
@@ -151,14 +151,28 @@ def _atan(x: Array) -> Array:
     return _chain(np.arctan(x[0]), slope, -2.0 * x[0] * slope**2, x)
 
 
+def _exp(x: Array) -> Array:
+    f = np.exp(x[0])
+    return _chain(f, f, f, x)
+
+
+def _log(x: Array) -> Array:
+    return _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x)
+
+
+def _sqrt(x: Array) -> Array:
+    f = np.sqrt(x[0])
+    return _chain(f, 0.5 / f, -0.25 / f**3, x)
+
+
 _FUNCTIONS: Mapping[str, Callable[[Array], Array]] = {
     "sin": _sin,
     "cos": _cos,
     "tan": lambda x: _over(_sin(x), _cos(x)),
     "atan": _atan,
-    "exp": lambda x: _chain(np.exp(x[0]), np.exp(x[0]), np.exp(x[0]), x),
-    "log": lambda x: _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x),
-    "sqrt": lambda x: _chain(np.sqrt(x[0]), 0.5 / np.sqrt(x[0]), -0.25 / np.sqrt(x[0]) ** 3, x),
+    "exp": _exp,
+    "log": _log,
+    "sqrt": _sqrt,
 }
 _OPERATORS: Mapping[type, Callable[[Array, Array], Array]] = {
     ast.Add: operator.add,
