@@ -35,9 +35,7 @@ class DriveView(View):
 
     __repr__ = brief
     kind = "drive"
-    arrays: ClassVar[Mapping[str, str]] = dict(
-        zip(_SHOWN, map("drive/NAME/{}".format, _SHOWN), strict=True)
-    )
+    arrays: ClassVar[Mapping[str, str]] = {key: f"drive/NAME/{key}" for key in _SHOWN}
 
     def plot(self, ax: Axes | None = None) -> Any:
         """Draw motor torque over motor speed, with the limit curve; returns the axes.

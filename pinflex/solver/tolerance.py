@@ -514,7 +514,7 @@ class _Refinement:
         if len(runs) == 1:
             return {}
         parts = _parting(runs[1], runs[2], self.tol) if len(runs) == 3 else np.inf
-        told = statistics(fine.t, scene.mechanism.motors, [run.torque for run in runs])
+        told = statistics(fine.t, self.scene.mechanism.motors, [run.torque for run in runs])
         known = float(parts) if np.isfinite(parts) else None
         return {name: {**one, "parted": known} for name, one in told.items()}
 

@@ -292,10 +292,8 @@ class Reference:
 
     def __init__(self, system: System) -> None:
         self.system, self.model = system, system.expansion.model
-        self.map, self.placing = (
-            CoordinateMap(system),
-            Placing(self.model, system.looked_at, system.expansion.last),
-        )
+        self.map = CoordinateMap(system)
+        self.placing = Placing(self.model, system.looked_at, system.expansion.last)
         self.strain = Strain(system)
         self._q, self._v = int(system.rigid.nq), int(system.rigid.nv)
 
