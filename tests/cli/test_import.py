@@ -187,6 +187,18 @@ def test_a_finger_is_no_platform(tmp_path: Path) -> None:
     assert yaml.safe_load(path.with_suffix(".yaml").read_text("utf-8"))["platform"] == "palm"
 
 
+def test_a_joint_that_cannot_stand_at_zero_begins_in_the_middle_of_its_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The elbow of a Panda bends from -3.0718 to -0.0698 rad; all other joints may stay at zero."""
+    out = tmp_path / "panda.yaml"
+    assert main(["new", "example-robot-data:panda", "-o", str(out)]) == 0
+    assert yaml.safe_load(out.read_text("utf-8"))["home"] == {"panda_joint4": -1.57}
+    capsys.readouterr()
+    assert main(["check", str(out)]) == 0
+    assert "outside the URDF's limits" not in capsys.readouterr().out
+
+
 def test_arguments_of_a_xacro_are_taken_and_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,9 +25,10 @@ from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.planes import beam_frame
-from pinflex.mechanics.model.tree import Link
+from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
 from pinflex.studies.scenes.proposals import with_home
@@ -307,7 +308,7 @@ def new_scene(
         mechanism = load(description)
     except PinflexError as error:
         return _text(tree, name, blocks, [], _wrapped("", [str(error)]), flexible), None
-    home = home_values(mechanism)
+    home = home_values(mechanism) | ({} if blocks.get("loops") else _within_limits(mechanism))
     if home:  # the guesses need not search for it again
         blocks["home"] = home
         plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
@@ -326,6 +327,19 @@ def new_scene(
     whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
+
+
+def _within_limits(mechanism: Mechanism) -> dict[str, float]:
+    """The middle of the range of joints that stand outside it, as zero does on many arms."""
+    model, q = mechanism.rigid.rigid, mechanism.home
+    limits = limits_of(model_of(mechanism.description), model)
+    lower, upper = limits.lower, limits.upper
+    outside = (q < lower) | (q > upper)
+    return {
+        name: float(f"{(lower[joint.idx_q] + upper[joint.idx_q]) / 2:.3g}")
+        for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
+        if joint.nq == 1 and outside[joint.idx_q]
+    }
 
 
 def _relative(path: Path, out: Path) -> str:
@@ -404,7 +418,7 @@ def _block(key: str, value: Any) -> list[str]:
     comment = {
         "actuated": "joints with a motor; all others are passive",
         "loops": "joints that close loops",
-        "home": "the closed pose from which everything starts",
+        "home": "the pose from which everything starts: loops closed, joints within their limits",
         "platform": "GUESS: the frame whose motion matters",
     }.get(key)
     return ["", *([f"# {comment}"] if comment else []), *text.rstrip().splitlines()]
