@@ -8,7 +8,7 @@ digital controller adds forces that it holds from instant to instant.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -151,6 +151,8 @@ def build_step(mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.
 
 Path = Callable[[Array], MotorPath]
 _BESIDE = 1e-10  # of the time: beyond what laws of motion snap to, less than any step to a node
+_AT_BREAK = 1e-9  # of a run: nearer to a break a sample lies on it, however that is rounded
+_JUMP = 1e-6  # of the largest acceleration: less is what path_inside extrapolates by
 
 
 class StepFailed(Exception):
@@ -212,6 +214,32 @@ class Problem:
         torque = self.pull(path, y[None], v[None])[0]
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
+
+    def after_jumps(self, run: Run, breaks: Sequence[float]) -> Run:
+        """The run with accelerations and forces just after a jump at each sample that lies on one.
+
+        A step that ends there has those just before; the motion and all other levels have those
+        after. At breaks without a jump the run stays as it is.
+        """
+        near = _AT_BREAK * float(np.ptp(run.t))
+        on = [int(k) for x in breaks for k in np.flatnonzero(np.abs(run.t - x) <= near)]
+        if self.sampler is not None or not on:  # what a digital controller holds is not known here
+            return run
+        t = run.t[on]
+        inside = np.concatenate([self.path_inside(x[None]).acceleration for x in t])
+        jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
+        kicked = [self._switches(x, near) for x in t]
+        jumps = np.flatnonzero((jump > _JUMP * np.abs(inside).max(initial=1e-300)) | kicked)
+        a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
+        for k in (on[j] for j in jumps):
+            after = self.first(float(run.t[k]), run.y[k], run.v[k])
+            a[k], lam[k], torque[k] = after.a, after.lam, after.torque
+        return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
+
+    def _switches(self, t: float, near: float) -> bool:
+        """Whether a load begins or ends at a time."""
+        forces = self.dynamics.system.loads.forces
+        return any(abs(t - x) <= near for force, _ in forces for x in force.corners)
 
     def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:
         """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.

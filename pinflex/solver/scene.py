@@ -435,6 +435,7 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
+        run = problem.after_jumps(run, breaks(self.motion, self._loads))
         if problem.sampler is not None:
             run = replace(run, signals=problem.sampler.signals(run.t, run.y))
         return start.told(run)
