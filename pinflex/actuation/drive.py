@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, comb, log2
+from math import ceil, comb, floor, log2
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -473,6 +473,10 @@ class TorqueDrive:
         return np.asarray(forward + self.kp * error + self.kd * rate)
 
 
+# A jump of an acceleration between steps, told from a bend: of a step, of the largest, of bends.
+_ON, _SLIGHT, _SHARP = 1e-6, 1e-6, 8.0
+
+
 def kinks(path: MotorPath) -> frozenset[int]:
     """Steps at which the motor accelerations bend: the start, and wherever a motion piece ends.
 
@@ -489,6 +493,35 @@ def kinks(path: MotorPath) -> frozenset[int]:
     found = np.flatnonzero(sharp[3:-3]) + 3
     # A rough sampled motion bends everywhere: then the steps are what limits it.
     return frozenset({0, *found.tolist()}) if len(found) <= 32 else frozenset({0})
+
+
+def averaged(t: Array, values: Array, breaks: Sequence[float]) -> tuple[Array, IntArray]:
+    """Values at equal steps, those beside a jump averaged over the step around them.
+
+    A method of second order feels a jump half a step before the first step that knows of it: up to
+    half a step early or late. The mean moves it to where it is; at the last step it is the value
+    before a jump, since nothing comes after.
+
+    Returns:
+        Values (nt, k), the steps at which they are others.
+    """
+    last, found, at = len(t) - 1, values.copy(), []
+    bends = np.zeros(len(t))
+    bends[1:-1] = np.abs(np.diff(values, 2, axis=0)).max(axis=1, initial=0.0)
+    least = _SLIGHT * np.max(np.abs(values), initial=0.0)
+    for place in (np.asarray(breaks) - t[0]) * (last / (t[-1] - t[0])):
+        k, left, right = round(place), ceil(place - _ON) - 1, floor(place + _ON) + 1
+        if left < 2 or k > last:
+            continue
+        before, after = values[left] + (k - left) * (values[left] - values[left - 1]), values[-1]
+        if right < last:
+            after = values[right] - (right - k) * (values[right + 1] - values[right])
+        smooth = bends[left - 1] + (bends[right + 1] if right + 1 < last else 0.0)
+        if np.max(np.abs(after - before), initial=0.0) > max(_SHARP * smooth, least):
+            share = 0.5 + k - place if k < last else 0.0  # of the step around it, after the jump
+            found[k] = (1.0 - share) * before + share * after
+            at.append(k)
+    return found, np.array(at, dtype=np.intp)
 
 
 def breaks(motion: Motion, loads: Loads) -> tuple[float, ...]:

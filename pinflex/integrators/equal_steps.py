@@ -8,7 +8,7 @@ from math import sqrt
 
 import numpy as np
 
-from pinflex.actuation.drive import TorqueDrive, kinks
+from pinflex.actuation.drive import TorqueDrive, averaged, kinks
 from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.path import MotorAxes, MotorPath
 from pinflex.arrays import Array, IntArray
@@ -42,8 +42,9 @@ def integrate(
     progress: Callable[[int, int], None] | None = None,
     feedback: Feedback | None = None,
     resume: tuple[int, Step | None] = (0, None),
+    breaks: Sequence[float] = (),
 ) -> Run:
-    """March the full equations over the steps of a motor path.
+    """March the full equations over the steps of a motor path; accelerations may jump at `breaks`.
 
     Returns:
         States, multipliers and torques at every step (from that one on).
@@ -52,12 +53,20 @@ def integrate(
         MotionError: A sleeve leaves its beam; likewise.
     """
     t, steps, begin = path.t, len(path.t) - 1, resume[0]
+    pointwise, at = (path, drive), np.zeros(0, dtype=np.intp)
+    if drive is None:
+        mean, at = averaged(t, path.acceleration, breaks)
+        path = replace(path, acceleration=mean)
+    else:
+        mean, at = averaged(t, drive.feed_forward, breaks)
+        drive = replace(drive, feed_forward=mean)
     march = PlainAlpha(mechanism, dynamics, path, scheme, drive, tolerance, feedback)
     record = _Record(march, t, begin)
     now = resume[1] or march.first(*start, begin)
     record.keep(begin, now)
     compiled = compiled_alpha(march, record.columns, begin)
-    k, last, fresh = begin, now, kinks(path) | (set() if resume[1] else {begin})
+    near = (at[:, None] + np.arange(-2, 3)).ravel().tolist()  # a jump is no bend
+    k, last, fresh = begin, now, kinks(path) - {*near} | (set() if resume[1] else {begin})
     try:
         while k < steps:
             if k in fresh:
@@ -91,6 +100,9 @@ def integrate(
         r = getattr(error, "residual", np.array([np.nan]))
         so_far = record.run(k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
+    if feedback is None:  # its states were those of their time
+        march.path, march.drive = pointwise
+        record.settle(at[at > begin])
     return record.run(steps)
 
 
@@ -121,6 +133,13 @@ class _Record:
             march.feedback.keep()
             signals.u[k], signals.measured[k] = march.feedback.u, march.feedback.m
             self.columns[-1][k, 0] += float(march.control_force @ now.v)
+
+    def settle(self, at: IntArray) -> None:
+        """Accelerations and forces at some steps, of the motion as it is there."""
+        (y, v, a, _, lam, torque, _), march = self.columns, self._march
+        for k in at:
+            a[k], lam[k] = march.accelerated(k, y[k], v[k], march.path.acceleration[k])
+            torque[k] = march.residual(k, y[k], v[k], a[k], lam[k])[2]
 
     def run(self, upto: int) -> Run:
         """The steps up to one as a run; work by the trapezoidal rule."""

@@ -251,7 +251,7 @@ class Scene:
         try:
             run = coupled.integrate(
                 self.mechanism, dynamics, (start.y, start.v), path, self.alpha_scheme, drive,
-                progress=progress, **keys,
+                progress=progress, breaks=breaks(self.motion, self._loads), **keys,
             )  # fmt: skip
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)

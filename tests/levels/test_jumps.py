@@ -1,9 +1,13 @@
-"""Level ked where accelerations jump between its steps, against the exact answer.
+"""Where accelerations jump, on steps and between them, against the exact answer.
 
 Claims:
     Beams (frequencies relative; L = m = E I = 1)
     - ked where accelerations jump, on and between steps: second order, states and force | sum of
       step responses | 4e-4; ratios above 3.5 | 3.2e-4; the first order had 8.8e-4
+    - motor force at samples on jumps of the acceleration, the last one included: that just after,
+      at every level | sum of step responses | 1e-4 by tol, 1e-3 in steps | 1.4e-7, 4.3e-4
+    - equal steps of level coupled where accelerations, or torques fed forward, jump on and between
+      steps: second order | sum of step responses | 1e-2; ratio above 3.5 | 9e-3; 4.0
 """
 
 from __future__ import annotations
@@ -71,3 +75,67 @@ def test_a_jump_between_two_steps_is_where_it_is(samples: int, tmp_path: Path) -
     assert np.max(errors[-1]) < 4e-4, errors  # felt half a step off: 9e-4
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert np.all(ratios > 3.5), ratios  # 4 in the end; the first order has 2
+
+
+MASS, ROTOR, STIFFNESS = 1.0, 0.5, 900.0  # kg, kg seen at the slide, N/m
+JUMPS = ((0.0, 1.0), (RAMP, -1.0), (2.0 - RAMP, -1.0), (2.0, 1.0))  # s, of SPEED / RAMP
+
+
+def sprung(folder: Path, more: str = "") -> pf.Mechanism:
+    """A rotor that drives a mass along a slide through a spring."""
+    bodies = (Body("slide", "base", "prismatic", axis=(0, 1, 0), mass=MASS),)
+    drive = f"{{gear: 1, motor_inertia: {ROTOR}, stiffness: {STIFFNESS}}}"
+    yaml = (
+        "gravity: [0, 0, 0]\nactuated: [slide_joint]\nplatform: slide\n"
+        f"joints: {{slide_joint: {{drive: {drive}}}}}\n{more}"
+        f"motion: {{kind: trapezoid, joints: {{slide_joint: 1}}, ramp: {RAMP}, duration: 2}}\n"
+    )
+    return load(folder, bodies, yaml)
+
+
+@pytest.mark.parametrize("kernel", ["1", "0"])
+@pytest.mark.parametrize(
+    ("level", "options", "close"),  # equal steps: phase (w h)^2 w t / 12 = 1.1e-3, of 2/3 the force
+    [
+        ("coupled", {"tol": 1e-5}, 1e-4),
+        ("coupled", {"dt": 5e-4}, 1e-3),
+        ("ked", {"dt": 5e-4}, 1e-3),
+    ],
+)
+def test_a_sample_on_a_jump_has_the_force_just_after_it(
+    level: str, options: dict[str, float], close: float, kernel: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """What the rotor's inertia asks for jumps by 0.67 N, 15 % of the largest force."""
+    monkeypatch.setenv("PINFLEX_KERNEL", kernel)
+    run = pf.solve(sprung(tmp_path), level=level, until=2.0, samples=41, **options)
+    w, force = np.sqrt(STIFFNESS / MASS), np.zeros(len(run.t))
+    for at, jump in JUMPS:
+        s = run.t - at
+        swing = MASS * (1.0 - np.cos(w * np.maximum(s, 0.0)))
+        force += (s > -1e-9) * jump * SPEED / RAMP * (ROTOR + swing)
+    assert np.abs(run.torque[:, 0] - force).max() < close * np.abs(force).max()
+
+
+@pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them
+@pytest.mark.parametrize("drive", ["prescribed", "torque"])
+def test_equal_steps_of_level_coupled_feel_a_jump_where_it_is(
+    drive: str, samples: int, tmp_path: Path
+) -> None:
+    """Second order in the way of the mass; felt half a step off, it was the first."""
+    whole, errors = MASS + ROTOR, []
+    for every in (1, 2):
+        robot = sprung(tmp_path, f"solve: {{drive: {drive}}}\n")
+        run = pf.solve(robot, level="coupled", until=3.0, samples=samples, dt=1.5e-3 / every)
+        reduced = MASS if drive == "prescribed" else MASS * ROTOR / whole
+        w, bend, way = np.sqrt(STIFFNESS / reduced), np.zeros(len(run.t)), np.zeros(len(run.t))
+        pushed = 1.0 if drive == "prescribed" else whole / ROTOR  # on what the spring holds back
+        for at, jump in JUMPS:
+            s, a = np.maximum(run.t - at, 0.0), jump * SPEED / RAMP
+            bend += a * pushed * (np.cos(w * s) - 1.0) / w**2
+            way += 0.5 * a * s**2
+        share = 1.0 if drive == "prescribed" else ROTOR / whole  # else about the centre of mass
+        mass = run.frame("slide").position[:, 1]
+        errors.append(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
+    # phase (w h)^2 w t / 12 is 2e-2 for the faster one, and 4 times as much in steps twice as long
+    assert errors[1] < 1e-2 and errors[0] > 3.5 * errors[1], errors

@@ -199,7 +199,7 @@ class PlainAlpha:
         r[p.motors] -= torque
         return r, c, torque
 
-    def _accelerated(self, k: int, y: Array, v: Array, a_motors: Array) -> tuple[Array, Array]:
+    def accelerated(self, k: int, y: Array, v: Array, a_motors: Array) -> tuple[Array, Array]:
         """Consistent accelerations and multipliers; those of the motors hold where they are led."""
         p, t = self.problem, float(self.path.t[k])
         self.control(k, y, v)
@@ -219,11 +219,11 @@ class PlainAlpha:
         that no step resolves: it would throw the first step off, and s = a there.
         """
         scheme, part, motor_a = self.scheme, 0.01, self.path.acceleration
-        a, lam = self._accelerated(k, y, v, motor_a[k])
+        a, lam = self.accelerated(k, y, v, motor_a[k])
         dt = part * self.h
         ahead = self.dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
         between = motor_a[k] * (1 - part) + motor_a[k + 1] * part
-        a_ahead, _ = self._accelerated(k, ahead, v + dt * a, between)
+        a_ahead, _ = self.accelerated(k, ahead, v + dt * a, between)
         s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
         known = max(np.max(np.abs(x), initial=0.0) for x in (a, motor_a))
         if np.max(np.abs(s - a), initial=0.0) > known:
@@ -241,7 +241,7 @@ class PlainAlpha:
             return self.first(now.y, now.v, k)
         before, here, after = self.path.acceleration[k - 1 : k + 2]
         straight, bent = (
-            self._accelerated(k, now.y, now.v, a)[0]
+            self.accelerated(k, now.y, now.v, a)[0]
             for a in (here, here + (after - 2 * here + before))
         )
         s = now.s + (self.scheme.alpha_m - self.scheme.alpha_f) * (bent - straight)
@@ -255,7 +255,7 @@ class PlainAlpha:
         that belong to its pose and velocity (cf. Arnold, Bruels and Cardona 2015, section 5).
         """
         dynamics, free, scheme = self.dynamics, self.problem.free, self.scheme
-        _, lam = self._accelerated(k + 1, after.y, after.v, self.path.acceleration[k + 1])
+        _, lam = self.accelerated(k + 1, after.y, after.v, self.path.acceleration[k + 1])
         M = dynamics.mass(first.y)[np.ix_(free, free)]
         J = dynamics.close(first.y).J[:, free]
         mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
