@@ -133,6 +133,10 @@ class Result(Display):
         """The read-only array of a flat key: run["torque"], run["frame/platform/position"]."""
         return self.array(key)
 
+    def __contains__(self, key: object) -> bool:
+        """Whether there is an array of a key: "loop/elbow/wrench" in run."""
+        return key in self.arrays or key in QUANTITIES
+
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.arrays, *QUANTITIES]
 

@@ -97,6 +97,12 @@ def test_names_lead_to_the_columns_of_the_flat_arrays(flexible):
     assert np.array_equal(flexible.loop("pin_2").force, flexible.loop("pin_2").wrench[:, :3])
 
 
+def test_whether_a_key_is_there_can_be_asked(flexible):
+    assert "loop/pin_2/wrench" in flexible
+    assert "loop/pin_9/wrench" not in flexible
+    assert 2 not in flexible
+
+
 def test_a_joint_without_motor_has_no_torque(flexible):
     assert not flexible.joint("elbow_1").torque.any()
 
