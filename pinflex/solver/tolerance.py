@@ -188,6 +188,9 @@ _INSTANTS = 51  # at which errors are looked at, at the least
 _TRIES, _NEXT = 8, 0.1
 # An error that is still so much of what it was, at a resolution so much finer, shows round-off.
 _NO_BETTER, _IN_VAIN = 0.7, 3e-3
+# Corrections this large are no round-off: errors have grown from one to the next (undamped robots
+# that torques push without feedback), and several runs tell what one cannot.
+_GROWN = 0.1
 # Runs more for forces and stresses, the resolution of the next one at the most, and the parts of
 # the tolerance that strain and what elastic forces accelerate may differ by where these are not
 # looked at (what is told is 0.6 to 5.6 times the latter on most scenes).
@@ -242,6 +245,8 @@ class _OneRun:
             elif judge.stuck or resolution < _IN_VAIN * at:
                 break
             resolution *= min(max(CONTROL.target * PART * self.tol / worst, CONTROL.least), _NEXT)
+        if not worst <= _GROWN:
+            return by_refinement(self.scene, self.asked_for, self.tol, self.progress)
         raise floor(self.scene, self.tol, self._at_samples(run), worst)
 
     def _forces_too(self, run: Run, judge: Judge, resolution: float) -> Run:
