@@ -186,6 +186,7 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
         flag("--baselines", "the usual motions beside it"),
         flag("--off", "a table of what robots 5 %% off do"),
         _file("--plot", help="a figure (.png, .pdf, .svg)"),
+        _file("--page", help="a page (.html) on which it races the usual motions"),
         _file(
             "-o", "--output",
             help="write motor positions, velocities, accelerations at 1 kHz; .yaml or .json: a "

@@ -230,7 +230,7 @@ def run_move(args: argparse.Namespace) -> int:
         raise DescriptionError("--to: say what moves, such as --to x=0.3.")
     if "settle" not in values(args):
         raise DescriptionError("--settle: say within what the platform is still, such as 50um.")
-    _check_files(args.plot, args.output)
+    _check_files(args.plot, args.output, args.page)
     mechanism = load_model(args)
     limits: dict[str, Any] = {}
     if args.like:
@@ -241,7 +241,7 @@ def run_move(args: argparse.Namespace) -> int:
         if getattr(args, name) is not None:
             limits[name] = getattr(args, name)
     made = pf.fastest(mechanism, to, **values(args), limits=limits, robust=robust, progress=_say)
-    rows = made.baselines(_say) if args.baselines else ()
+    rows = made.baselines(_say) if args.baselines or args.page else ()
     off = made.robustness() if args.off else ()
     _say("")
     files = _move_files(args, mechanism, made, rows)
@@ -251,7 +251,7 @@ def run_move(args: argparse.Namespace) -> int:
 
 def _retimed(args: argparse.Namespace) -> int:
     """The same path in the least time that one factor on it allows."""
-    for option in ("to", "like", "robust", "baselines", "off", "plot", "stress", "path"):
+    for option in ("to", "like", "robust", "baselines", "off", "plot", "page", "stress", "path"):
         if getattr(args, option):
             raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
     if "settle" in values(args):
@@ -305,6 +305,8 @@ def _move_files(
 
         files.append(args.plot)
         save(figure(made, rows).axes, args.plot)
+    if args.page:
+        files.append(str(made.page(args.page, rows)))
     return files + _sent(args, mechanism, made.motion)
 
 

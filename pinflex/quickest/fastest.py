@@ -139,6 +139,15 @@ class Fastest:
         """
         return door("viewer.plots.motions", "plot_fastest")(self, rows, panel, ax)
 
+    def page(self, path: Any, rows: Sequence[Any] = ()) -> Any:
+        """Write a page that plays it beside the best of each usual profile; returns the path.
+
+        Args:
+            path: An HTML file.
+            rows: Of `baselines`.
+        """
+        return door("viewer.view", "write_race")(self, rows, path)
+
     def __repr__(self) -> str:
         return (
             f"<Fastest {self.name}, {self.duration:.4g} s, still within {1e6 * self.residual:.3g} "

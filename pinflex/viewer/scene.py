@@ -289,13 +289,17 @@ def build_scenes(
     scale: float | str = "auto",
     meshes: Sequence[str | Path] | None = (),
     off_path: Sequence[Deviation | None] = (),
+    instants: int = FRAMES,
 ) -> list[dict[str, Any]]:
-    """Scenes of runs of one mechanism, alike in instants, stations and magnification."""
+    """Scenes of runs of one mechanism, alike in instants, stations and magnification.
+
+    `instants`: of each run, at the most.
+    """
     away = off_path or [None] * len(results)
     at = _stations(results)
     drawn = [_drawn(r, rigid, meshes, at, d) for r, d in zip(results, away, strict=True)]
     drawn = [_with_links(d, drawn) for d in drawn]
-    keep = _instants(drawn)
+    keep = _instants(drawn, instants)
     scenes = [_scene(d, rigid, k) for d, k in zip(drawn, keep, strict=True)]
     flexible = [s for s in scenes if s["fields"]] or scenes
     least = min(automatic_scale(s["largest"], s["size"]) for s in flexible)
@@ -431,7 +435,7 @@ def automatic_scale(largest: float, size: float) -> float:
     return float(np.round(10.0 ** min(steps, key=lambda s: abs(s - wanted)), 6))
 
 
-def _instants(drawn: Sequence[_Drawn]) -> list[IntArray]:
+def _instants(drawn: Sequence[_Drawn], most: int) -> list[IntArray]:
     """Instants to keep of each run: evenly spread, and where something is largest or smallest.
 
     Runs at the same instants, or at the first of them, keep the same ones.
@@ -439,18 +443,18 @@ def _instants(drawn: Sequence[_Drawn]) -> list[IntArray]:
     longest = max((d.result.t for d in drawn), key=len)
     alike = [np.array_equal(d.result.t, longest[: len(d.result.t)]) for d in drawn]
     together = [d for d, same in zip(drawn, alike, strict=True) if same]
-    shared = _kept(together, len(longest))
+    shared = _kept(together, len(longest), most)
     keep = []
     for d, same in zip(drawn, alike, strict=True):
         last = len(d.result.t) - 1
-        own = np.union1d(shared[shared <= last], [last]) if same else _kept([d], last + 1)
+        own = np.union1d(shared[shared <= last], [last]) if same else _kept([d], last + 1, most)
         keep.append(own.astype(np.intp))
     return keep
 
 
-def _kept(drawn: Sequence[_Drawn], n: int) -> IntArray:
+def _kept(drawn: Sequence[_Drawn], n: int, instants: int) -> IntArray:
     each = sum(_numbers(d) for d in drawn)
-    most = max(min(FRAMES, NUMBERS // max(each, 1)), 2)
+    most = max(min(instants, NUMBERS // max(each, 1)), 2)
     if n <= most:
         return np.arange(n)
     extremes = np.unique([0, n - 1, *(i for d in drawn for i in _extremes(d))])

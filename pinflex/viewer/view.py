@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,10 @@ from pinflex.text import brief
 from pinflex.viewer.links import FIELDS
 from pinflex.viewer.scene import build_scene, build_scenes, mode_scene, strength
 from pinflex.writing import write_text
+
+if TYPE_CHECKING:
+    from pinflex.quickest.baselines import Baseline
+    from pinflex.quickest.fastest import Fastest
 
 # Data with many arrays as one short text, which a page unpacks (page/load.js).
 #
@@ -215,6 +219,47 @@ def write_runs_html(
     scenes = build_scenes(results, rigid, _scale(scale), meshes, away)
     scenes = [s | {"label": words} for s, words in zip(scenes, runs, strict=True)]
     return _write(scenes, path, title or scenes[0]["name"], page)
+
+
+_RACING = 300  # instants of each of up to six runs
+_ABOVE = 6.0  # times the band: further from rest a curve runs along the top of its plot
+
+
+def write_race(found: Fastest, rows: Sequence[Baseline], path: str | Path) -> Path:
+    """Write one page of the fastest motion and the best of each usual profile.
+
+    One plot has how far every platform is from rest; lines mark the instants from which all robots
+    stay within the band.
+    """
+    best = {row.name.partition(" + ")[0]: row for row in reversed(rows)}  # the first to be still
+    racers = [("fastest", found.runs["nominal"], found.rest, found.settled)]
+    racers += [
+        (row.name, row.run, row.rest, row.settled)
+        for row in sorted(best.values(), key=lambda row: row.settled)
+    ]
+    runs = [run for _, run, *_ in racers]
+    words = [
+        f"{name}, still at {still:.4g} s" if np.isfinite(still) else f"{name}, not still"
+        for name, *_, still in racers
+    ]
+    away = [1e3 * np.linalg.norm(run.frame(found.frame).position - rest, axis=1)
+            for _, run, rest, _ in racers]  # fmt: skip
+    high = _ABOVE * 1e3 * found.band
+    scenes = build_scenes(runs, meshes=(), instants=_RACING)
+    for k, scene in enumerate(scenes):
+        order = sorted(range(len(runs)), key=lambda j: j != k)  # its own curve in front
+        curves = [
+            {"name": racers[j][0], "y": np.minimum(np.interp(scene["t"], runs[j].t, away[j]), high),
+             "colour": j, "rigid": False} for j in order
+        ]  # fmt: skip
+        rest = {"title": f"{found.frame} from rest", "unit": "mm", "curves": curves, "race": True}
+        scene |= {"label": words[k], "plots": [rest, *scene["plots"]]}
+        scene["marks"] = [
+            {"t": racer[3], "colour": j, "name": words[j], "own": j == k}
+            for j, racer in enumerate(racers) if np.isfinite(racer[3])
+        ]  # fmt: skip
+    page = _settings(runs, "von_mises", None) | {"first": 0}
+    return _write(scenes, path, f"{found.name}: the fastest move and the usual ones", page)
 
 
 def _settings(results: Sequence[Result], field: str, limit: float | None) -> dict[str, Any]:

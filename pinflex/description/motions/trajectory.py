@@ -234,7 +234,7 @@ class Motion:
         """Times above 0 s at which a piece of the motion ends."""
         spec, end = self.spec, self.duration
         times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0)), *self.corners}
-        if self.kind == "trapezoid":
+        if self.kind == "trapezoid" and "ramp" in spec:  # else its corners say it
             times.add(end - float(spec["ramp"]))
         return tuple(sorted(time for time in times if time > 0.0))
 

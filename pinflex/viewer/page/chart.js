@@ -56,6 +56,15 @@ class Chart {
     this.svg.insertBefore(path, this.cursor);
     return path;
   }
+  mark({t, name, colour, own}) {                   // an instant of a run; that of the run shown is the bold one
+    const [a, b] = this.spec.x;
+    if (t < a || t > b) return;
+    const line = el("line", {x1: this.X(t), x2: this.X(t), y1: 3, y2: this.h - LOW, class: own ? "instant own" : "instant", style: `--colour: ${series(colour)}`});
+    const words = document.createElementNS("http://www.w3.org/2000/svg", "title");
+    words.textContent = name;
+    line.append(words);
+    this.svg.insertBefore(line, this.cursor);
+  }
   way(xs, ys) {
     let d = "";
     for (let i = 0; i < xs.length; i++) d += (i ? "L" : "M") + this.X(xs[i]).toFixed(1) + " " + this.Y(ys[i]).toFixed(1);

@@ -5,6 +5,7 @@ const UNITS = {"µm": 1e-3, mm: 1, "N m": 1, N: 1, MPa: 1};
 /* Plots to show: {title, unit, curves: [{name, y, colour, rigid}]}; rigid: of the other run, dashed. */
 function plotList() {
   const other = otherRun(), list = R.plots.map((p) => {
+    if (p.race) return p;                          // it has the curves of all runs
     const own = p.curves.filter((c) => !c.rigid), twin = other && other.plots.find((q) => q.title === p.title);
     if (!other) return S.diff ? less(p, own, p.curves.filter((c) => c.rigid)) : p;
     const pale = twin ? twin.curves.filter((c) => !c.rigid).map((c) => ({...c, rigid: true, y: resampled(c.y, other.t, UNITS[twin.unit] / UNITS[p.unit])})) : [];
@@ -50,6 +51,7 @@ function drawPlots() {
   for (const {chart} of plots) chart.measure();    // all in place before any is measured, and all measured before any is drawn:
   for (const {chart, drawn} of plots) {            // the browser lays the page out once
     chart.draw();
+    for (const m of R.marks || []) chart.mark(m);
     for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
   }
   host.scrollTo(left, top);
