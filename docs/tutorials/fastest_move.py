@@ -82,8 +82,8 @@ print(move)
 
 # %% [markdown]
 # Beside it, under the same limits: jerk-limited profiles with the zero-vibration shaper, of one
-# mode and of two. `move.baselines()` has twelve to twenty usual motions, and `move.page("race.html",
-# rows)` writes a page on which they race.
+# mode and of two. `move.baselines()` has twelve to twenty usual motions;
+# `move.page("race.html", rows)` writes a page on which they race.
 
 # %%
 from pinflex.quickest.baselines import baselines
