@@ -15,13 +15,15 @@ from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.robots.urdf import Limits as UrdfLimits
 from pinflex.description.robots.urdf import limits as urdf_limits
-from pinflex.errors import DescriptionError, nearest
+from pinflex.errors import ConvergenceError, DescriptionError, Ending, nearest
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.results.result import Result
 
 KEYS = ("speed", "acceleration", "jerk", "torque", "motor_speed", "stress", "path")
 _OF_PATH = KEYS[:3]
+_TOLERANCES = 1e-5, 1e-4, 1e-3  # the last leaves a torque limit right to a thousandth
 
 
 @dataclass(frozen=True)
@@ -91,17 +93,28 @@ def of_motion(mechanism: Mechanism, motion: Motion, jerk: float = 6.0) -> dict[s
 
     One number for all motors and one for all coordinates, as of equal motors.
     """
-    from pinflex.advice.solve import solve
-
     t = np.linspace(0.0, motion.duration, 4001)
     _, v, a = motion.evaluate(t)
-    run = solve(mechanism, motion, level="coupled", tol=1e-5, until=motion.duration, samples=1601)
+    run = closest(mechanism, motion, until=motion.duration, samples=1601)
     far = int(np.argmax(np.abs(v).max(axis=0)))
     return {
         "speed": float(np.abs(v[:, far]).max()),
         "jerk": jerk * float(np.abs(np.gradient(a[:, far], t)).max()),
         "torque": float(np.abs(run.torque).max()),
     }
+
+
+def closest(mechanism: Mechanism, motion: Motion, **options: Any) -> Result:
+    """A coupled run by the least tolerance that round-off leaves, of 1e-5, 1e-4 and 1e-3."""
+    from pinflex.advice.solve import solve
+
+    for tol in _TOLERANCES[:-1]:
+        try:
+            return solve(mechanism, motion, level="coupled", tol=tol, **options)
+        except ConvergenceError as failed:
+            if failed.ending is not Ending.ROUND_OFF:
+                raise
+    return solve(mechanism, motion, level="coupled", tol=_TOLERANCES[-1], **options)
 
 
 def _number(key: str, value: Any) -> float:

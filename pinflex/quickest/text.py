@@ -25,7 +25,8 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     bound = found.duration / found.rigid - 1.0
     head = (
         f"{found.name}: the fastest move takes {found.duration:.5g} s. {_settling_words(found)} "
-        f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(bound)} less. "
+        f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(abs(bound))} "
+        f"{'less' if bound >= 0.0 else 'more'}. "
         + (f"At its limit: {holds}." if holds else "No limit is reached for long.")
     )
     return report(

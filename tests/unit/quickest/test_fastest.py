@@ -18,7 +18,15 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.quickest.baselines import baselines
-from pinflex.quickest.limits import Profile, RigidPath, basis, even, fitted, limits_of
+from pinflex.quickest.limits import (
+    Profile,
+    RigidPath,
+    basis,
+    even,
+    fitted,
+    limits_of,
+    of_motion,
+)
 from pinflex.quickest.response import Grid
 from pinflex.quickest.robustness import corners, varied
 from pinflex.quickest.search import Search, Task, rigid_least
@@ -289,3 +297,14 @@ def test_a_trajectory_is_retimed_from_the_shell(two, tmp_path, capsys):
     assert pf.trajectory(out).duration == pytest.approx(1.875 / 0.5, abs=2e-3)
     assert main([*asked, "--settle", "1um"]) == 2
     assert "--settle: not with --robot" in capsys.readouterr().err
+
+
+def test_limits_of_a_quintic_that_round_off_keeps_from_a_tolerance():
+    """A slow 3-RRR shows round-off at 1e-5; its torque limit is that of fine equal steps."""
+    robot = pf.load("3rrr", ["damping={modal: 0.01}"])
+    motion = pf.quintic(platform={"x": 0.04, "y": 0.02, "rz": 0.0}, duration=0.3)
+    with pytest.raises(pf.ConvergenceError, match="only round-off"):
+        pf.solve(robot, motion, level="coupled", tol=1e-5, until=0.3, samples=1601)
+    run = pf.solve(robot, motion, level="coupled", dt=1e-4, until=0.3)
+    # a run by 1e-4, and steps of a fiftieth of the first period of what they leave: 5e-3 together
+    assert of_motion(robot, motion)["torque"] == pytest.approx(np.abs(run.torque).max(), rel=5e-3)
