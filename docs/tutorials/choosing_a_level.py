@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Choosing a level
 #
-# A level is how much of the physics is solved. Each one is the limit of the next: `rigid` has no
-# elasticity, `quasistatic` balances inertia and gravity at every instant, `ked` vibrates linearly
-# about the rigid motion, `coupled` solves everything. Take the simplest that your question allows.
+# A level is the amount of physics that a run solves. Each level is a limit of the next: `rigid` has no
+# elasticity, `quasistatic` balances inertia and gravity at every instant, `ked` adds linear vibration
+# about the rigid motion, `coupled` solves everything. Take the simplest one that answers your question.
 #
 # ## All four on one scene
 #
-# A spatial 3-RRS with links of 5 x 3 mm, moved within 0.2 s and then left to ring.
+# The scene is a spatial 3-RRS with links of 5 x 3 mm. It moves for 0.2 s and then rings.
 
 # %%
 import time
@@ -41,13 +41,13 @@ for level, run in runs.items():
 axes.set(xlabel="t [s]", ylabel="off rigid [mm]")
 axes.legend(frameon=False);
 # %% [markdown]
-# The scene starts undeformed under gravity and shakes: quasistatic answers with its mean, and the
-# linear level follows the vibration until deflections are no longer small.
+# The scene starts undeformed under gravity and shakes. Level quasistatic gives the mean of this vibration; the
+# linear level follows it until deflections are no longer small.
 #
 # ## Ask
 #
-# `advise` looks at a scene, solves cheap models of it and proposes what a tolerance needs: the
-# level, which links bend, in which planes, with how many modes.
+# `advise` solves cheap models of a scene and proposes what a tolerance requires: the level, the links that
+# bend, their planes, and the number of modes.
 
 # %%
 from pinflex.__main__ import main
@@ -57,14 +57,14 @@ main(["advise", "race_r2", "--tol", "0.05"]);  # in Python: pf.advise(robot, tol
 # %% [markdown]
 # ## Two errors
 #
-# A run has an error of time integration and one of the model. `tol` bounds the first; the second is
-# measured when you ask for it, by a model with more of everything.
+# A run has an error of time integration and an error of the model. `tol` bounds the first. On request
+# pinflex measures the second by comparing with a richer model.
 
 # %%
 run = pf.solve(pf.load("cantilever"), tol=1e-3)
 print("\n".join(run.errors.lines()))
 
 # %% [markdown]
-# From a terminal: `pinflex compare MODEL` makes the table above with a verdict, and
-# `pinflex solve MODEL --level auto` takes the proposal. The equations of each level are in
+# From a terminal: `pinflex compare MODEL` prints the table above with a verdict, and
+# `pinflex solve MODEL --level auto` uses the proposal. For the equations of each level see
 # [theory](../theory.md#levels).

@@ -1,12 +1,12 @@
 # %% [markdown]
 # # Control
 #
-# A linear model for the desk, and the whole nonlinear robot for the check.
+# Design a controller on a linear model, then test it on the nonlinear flexible robot.
 #
 # ## State space
 #
-# `linearise` gives x' = A x + B u about a balanced pose, with named states, inputs and outputs;
-# `to_scipy()` and `to_control()` hand it to your tools.
+# `linearise` returns x' = A x + B u about a balanced pose, with named states, inputs and outputs;
+# `to_scipy()` and `to_control()` convert it for your tools.
 
 # %%
 import matplotlib.pyplot as plt
@@ -35,8 +35,8 @@ axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}");
 # %% [markdown]
 # ## A digital controller on the flexible robot
 #
-# PD at 1 kHz with a delay of one sample follows a command with its torques fed forward. The run
-# solves the coupled equations between the controller's instants.
+# A PD controller at 1 kHz with a delay of one sample follows a command, with its torques fed forward. Between
+# the controller's instants the run solves the coupled equations.
 
 # %%
 motion = pf.nonic(platform={"x": 0.06, "y": 0.03, "rz": 0.3}, duration=0.08)
@@ -57,6 +57,6 @@ axes.set(xlabel="t [s]", ylabel="torque [N m]")
 axes.legend(frameon=False);
 
 # %% [markdown]
-# Any law u(t, m, dm/dt, integral of m) takes the place of `track`: see `pf.Control`, and
-# `pf.digital_pid` for one whose integral does not wind up. The example `closed_loop.py` compares a
+# Any law u(t, m, dm/dt, integral of m) can replace `track`: see `pf.Control`, and
+# `pf.digital_pid` for one with anti-windup. The example `closed_loop.py` compares a
 # rigid command with an exact one on a robot that resonates at 17 Hz.

@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Design and fit
 #
-# What should be changed, what is the best value, and is the robot that was built the one that was
-# calculated? Three calls on one model.
+# Which number should change, what is its best value, and does the finished robot match the calculation? Three
+# calls on one model answer this.
 #
 # ## What matters
 #
-# Per cent of an output for one per cent of a number of the YAML: exact derivatives where they
-# exist, checked differences elsewhere.
+# A sensitivity is the change of an output in per cent for 1 % more of a number in the YAML. pinflex uses exact
+# derivatives where they exist and checked finite differences elsewhere.
 
 # %%
 import numpy as np
@@ -20,7 +20,7 @@ print(what.text())
 # %% [markdown]
 # ## The best numbers within limits
 #
-# The lightest tubes with which the first frequency stays where it is.
+# Find the lightest tubes that do not lower the first frequency.
 
 # %%
 lighter = pf.design(
@@ -38,8 +38,8 @@ print(pf.modes(pf.load("lighter.yaml"), count=2).frequencies.round(2), "Hz")
 # %% [markdown]
 # ## What was built
 #
-# A hammer test of the real robot found four frequencies. Which moduli explain them, how well, and
-# can the two be told apart at all? Here the measurement is made up from known moduli, with noise.
+# A hammer test of the real robot yields four frequencies. Which moduli explain them, how well, and can the test
+# distinguish the two moduli at all? Here known moduli and noise simulate the measurement.
 
 # %%
 KEYS = ["flexible.upper_arm_link.material.E", "flexible.forearm_link.material.E"]
@@ -59,5 +59,5 @@ for (low, high), true in zip(found.intervals, (6.2e10, 7.6e10), strict=True):
 found.plot();
 
 # %% [markdown]
-# From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; scatter of many robots is
+# From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; for the scatter of many robots
 # `pinflex sweep MODEL --random 300 --normal KEY=5%`.

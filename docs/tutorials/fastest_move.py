@@ -1,13 +1,13 @@
 # %% [markdown]
 # # The fastest move
 #
-# How short can a move be that keeps the limits of its motors and leaves nothing swinging? Here for
-# the smallest robot that swings, whose answer is known, and for a delta.
+# How short can a move be that keeps the motors within their limits and leaves nothing swinging? We answer
+# this for the simplest system that swings, whose solution is known, and for a delta.
 #
 # ## Two masses and a spring
 #
-# A cart of 1 kg carries a load of 1 kg on a spring of 1 N/m. Its motor pushes with 1 N at the most.
-# From rest to rest over one metre the least time is 4.2179 s (Liu and Wie 1992).
+# A cart of 1 kg carries a load of 1 kg on a spring of 1 N/m. Its motor pushes with at most 1 N.
+# The shortest move from rest to rest over one metre takes 4.2179 s (Liu and Wie 1992).
 
 # %%
 import tempfile
@@ -43,9 +43,9 @@ found = pf.fastest(
 print(f"{found.duration:.5f} s; a rigid robot of both masses: {found.rigid:.5f} s")
 
 # %% [markdown]
-# `drive="torque"`: the motor pushes, nothing holds it. `jerk: inf` lets the force jump, and
-# `settle` asks for the end alone: within a micrometre and a micrometre a second. The force goes
-# from limit to limit three times; where it does, intervals are cut until the time stays.
+# With `drive="torque"` the motor applies a force and nothing prescribes its motion. `jerk: inf` lets the force
+# jump, and `settle` limits the end state to a micrometre and a micrometre per second. The force switches
+# from limit to limit three times; there pinflex refines the time grid until the duration converges.
 
 # %%
 t = np.linspace(0.0, 1.3 * found.duration, 801)
@@ -66,10 +66,10 @@ axes[1].legend(frameon=False);
 # %% [markdown]
 # ## A delta
 #
-# The delta of the package carries its plate 305 mm aside. Limits are those that its quintic of
-# 0.3 s takes: speed of the plate, torque, six times the jerk. From the end on the plate has to stay
-# within 50 um of where it comes to rest; motors follow the motion now. `robust={"payload": 0.2}`
-# would ask the same of a heavier and a lighter load, for two to three times the computing.
+# The shipped delta moves its plate by 305 mm. The limits are those of its quintic of
+# 0.3 s: the speed of the plate, the torque, and six times the jerk. From the end on the plate must stay
+# within 50 um of its resting place; the motors follow a prescribed motion this time. `robust={"payload": 0.2}`
+# would demand the same for a heavier and a lighter load, at two to three times the computing time.
 
 # %%
 from pinflex.quickest.limits import of_motion
@@ -81,9 +81,9 @@ move = pf.fastest(delta, to, settle=50e-6, limits=limits, close=5e-3)
 print(move)
 
 # %% [markdown]
-# Beside it, under the same limits: jerk-limited profiles with the zero-vibration shaper, of one
-# mode and of two. `move.baselines()` has twelve to twenty usual motions;
-# `move.page("race.html", rows)` writes a page on which they race.
+# For comparison, under the same limits: jerk-limited profiles with zero-vibration shapers for one
+# mode and for two. `move.baselines()` computes twelve to twenty common motions,
+# and `move.page("race.html", rows)` writes a page on which they race.
 
 # %%
 from pinflex.quickest.baselines import baselines
@@ -96,7 +96,7 @@ move.plot(rows);
 # %% [markdown]
 # ## To the controller
 #
-# One row a millisecond, played back as a trajectory: what comes out keeps the limits too.
+# The file has one row per millisecond. Played back as a trajectory, it keeps the limits too.
 
 # %%
 move.motion.to_csv(folder / "move.csv", 1000, delta)
@@ -110,5 +110,4 @@ print(f"torque {100 * np.abs(again.torque).max() / limits['torque']:.1f} %, "
 
 # %% [markdown]
 # From a terminal: `pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um
-# --baselines -o move.csv`. A trajectory that you have already is retimed by
-# `pinflex move plan.csv --robot ur5`.
+# --baselines -o move.csv`. `pinflex move plan.csv --robot ur5` retimes a trajectory that you already have.

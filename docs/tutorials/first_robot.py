@@ -1,13 +1,12 @@
 # %% [markdown]
 # # First robot
 #
-# One arm of 0.6 m on a motor, drawn in twenty lines. What does its elasticity do to a quick move?
-# You need nothing but pinflex ([Start](../start.md)); every line below is executed when this
-# page is built.
+# A motor turns an arm of 0.6 m, described in twenty lines. What does its elasticity do to a quick move?
+# You need nothing but pinflex ([Start](../start.md)); building this page executes every line below.
 #
 # ## Two files
 #
-# A **URDF** has links, joints and masses. `tool` marks a point: a massless link on a fixed joint.
+# A **URDF** describes links, joints and masses. The massless link `tool` on a fixed joint marks a point.
 
 # %%
 from pathlib import Path
@@ -42,8 +41,8 @@ Path("arm.urdf").write_text("""
 """);
 
 # %% [markdown]
-# The **YAML** says what a URDF cannot: which link bends, of what it is made, what moves.
-# [Every key](../reference/yaml.md) has its unit and default.
+# The **YAML** adds what a URDF cannot say: which link bends, its material and section, and the motion.
+# The reference lists [every key](../reference/yaml.md) with its unit and default.
 
 # %%
 Path("arm.yaml").write_text("""
@@ -63,7 +62,7 @@ robot = pf.load("arm.yaml")
 # %% [markdown]
 # ## Is it what I meant?
 #
-# The first frequency with the motor locked, beside that of a massless cantilever with the tool and
+# Compare the first frequency with the motor locked to that of a massless cantilever with the tool and
 # 33/140 of the arm's mass at its tip (Rayleigh's estimate).
 
 # %%
@@ -76,7 +75,7 @@ assert abs(modes.frequencies[0] / estimate - 1) < 0.05
 # %% [markdown]
 # ## Move it
 #
-# The same motion twice: once rigid, once with everything that bends.
+# Solve the same motion twice: rigid, and with every elastic link.
 
 # %%
 rigid = pf.solve(robot, level="rigid")
@@ -97,8 +96,8 @@ print(f"stress {1e-6 * flexible.link('arm').von_mises.max():.1f} MPa")
 # %% [markdown]
 # ## See it
 #
-# One file that plays in any browser. Turn it with the mouse; the bend is magnified about the rigid
-# pose, coloured by stress.
+# One file plays in any browser. Turn the robot with the mouse. The page magnifies deflections from the rigid
+# pose and colours them by stress.
 
 # %%
 page = pf.view(flexible, "first_robot.html")

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Following a path
 #
-# If the motors do exactly what rigid inverse kinematics says, the platform of a flexible robot does
-# not follow its path. `pf.command` finds the motor motion with which it does.
+# If the motors follow rigid inverse kinematics exactly, the platform of a flexible robot leaves its path.
+# `pf.command` computes the motor motion that keeps it there.
 #
 # ## The rigid command misses
 
@@ -26,7 +26,7 @@ commands["exact"]
 # %% [markdown]
 # ## Verify by a forward run
 #
-# The command is a motion of the joints; level `coupled` moves the whole flexible robot with it.
+# The command is a motion of the joints; level `coupled` applies it to the flexible robot.
 
 # %%
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
@@ -45,8 +45,8 @@ assert worst["exact"] < 0.01 * worst["rigid"]
 # %% [markdown]
 # ## What the motors do differently
 #
-# Where the internal dynamics is not minimum phase, motors move before the platform does; here they
-# follow it a little later as well.
+# If the internal dynamics is non-minimum phase, the motors start before the platform; here they also stop a
+# little after it.
 
 # %%
 ahead, after = commands["exact"].actuation
@@ -54,9 +54,9 @@ print(f"motors move {1e3 * ahead:.1f} ms before the platform and {1e3 * after:.1
 commands["exact"].to_csv("command.csv").stat().st_size  # for the controller, SI units
 
 # %% [markdown]
-# ## Or leave the vibration out
+# ## Or avoid only the vibration
 #
-# An input shaper needs only a frequency. It does not follow the path, it arrives without ringing.
+# An input shaper needs only a frequency. It does not keep the platform on its path, but it stops without ringing.
 
 # %%
 first = float(pf.modes(robot, count=1).frequencies[0])

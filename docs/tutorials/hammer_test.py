@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Your hammer test
 #
-# A robot stands before you, and its datasheet says nothing of how stiff the gear is and how soft
-# the arm. A hammer with a force cell and one accelerometer tell it in ten minutes: this tutorial
-# goes from taps to numbers that may be believed.
+# You have a robot whose datasheet does not give the stiffness of its gear and arm. A hammer with a force cell
+# and one accelerometer measure both in ten minutes. This tutorial goes from taps to numbers with
+# confidence intervals.
 #
-# The arm turns about a vertical axis; its motor is braked, its gear is not stiff. An aluminium bar
+# The arm turns about a vertical axis. Its motor is braked, but its gear is elastic. An aluminium bar
 # of 600 mm carries a tool of 0.4 kg.
 
 # %%
@@ -42,10 +42,10 @@ print(pf.modes(robot, count=3))
 # %% [markdown]
 # ## Taps
 #
-# You have no such arm at hand, so the taps are made up, by another program than pinflex, and with
-# numbers that pinflex is not told: forty Euler-Bernoulli elements on a spring with a damper, solved
-# frequency by frequency; three taps of the hammer at the tool, an accelerometer beside it, noise in
-# both.
+# Since you have no such arm at hand, a program independent of pinflex simulates the taps, with parameters that
+# the fit does not know: forty Euler-Bernoulli elements on a spring with a damper, solved
+# frequency by frequency. The hammer hits the tool three times, an accelerometer sits beside it, and both
+# signals are noisy.
 
 # %%
 TRUE = {"E": 6.55e10, "gear": 2900.0, "damping": 4.0}
@@ -95,9 +95,9 @@ axes[1].set(xlabel="t [s]", ylabel="tool [m/s²]");
 # %% [markdown]
 # ## From taps to a frequency response
 #
-# Averages of the three taps, $H_1 = S_{fa} / S_{ff}$, and the scatter among them, which is what the
-# fit weighs each frequency by. A force that excites nothing tells nothing: what is below 3 Hz and
-# above 150 Hz is left out.
+# The three taps are averaged to $H_1 = S_{fa} / S_{ff}$, and their scatter gives the weight of each frequency
+# in the fit. Below 3 Hz and above 150 Hz the force excites too little, so those
+# frequencies are left out.
 
 # %%
 spectra = [(np.fft.rfft(f), np.fft.rfft(a)) for f, a in taps]
@@ -120,8 +120,8 @@ measured = {
 # %% [markdown]
 # ## The fit
 #
-# Three unknowns: the modulus of the bar, stiffness and damping of the gear. All three start where a
-# datasheet would have them, 5 to 50 % off.
+# There are three unknowns: the modulus of the bar, and the stiffness and damping of the gear. All three start at
+# datasheet values, which are 5 to 50 % off.
 
 # %%
 KEYS = ["flexible.bar.material.E", "joints.motor.drive.stiffness", "joints.motor.drive.damping"]
@@ -137,8 +137,8 @@ found.plot();
 # %% [markdown]
 # ## What it is good for
 #
-# The fitted robot is a scene like any other: what does it do in its move, and how far would the
-# datasheet's have been off?
+# The fitted robot is a scene like any other. How does it behave in its move, and how wrong would the
+# datasheet values have been?
 
 # %%
 found.write("fitted.yaml")
@@ -152,5 +152,5 @@ for label, file in (("datasheet", "arm.yaml"), ("fitted", "fitted.yaml")):
 
 # %% [markdown]
 # From a terminal, with the taps in a CSV or a universal file (`.uff`, which analysers write):
-# `pinflex fit arm.yaml hammer.uff --vary joints.motor.drive.stiffness`. What a measurement cannot
-# tell the fit says, in words: two numbers that only act together, or one that is at its bound.
+# `pinflex fit arm.yaml hammer.uff --vary joints.motor.drive.stiffness`. The fit says so in words if a measurement
+# cannot determine a number: two that only act together, or one at its bound.

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # In the loop
 #
-# A controller, a learner or a test bench asks for one step at a time. `Simulator` takes the equal
-# steps of level `coupled`, with motors that follow you (`motion=`) or that you push (`torque=`).
+# A controller, a learning agent or a test bench needs one step at a time. `Simulator` takes equal
+# steps of level `coupled`; you give the motors a motion (`motion=`) or a torque (`torque=`).
 
 # %%
 import tempfile
@@ -27,9 +27,9 @@ print("the inertial unit feels", arm.sensor("imu")[:3].round(3), "m/s^2")
 # %% [markdown]
 # ## A controller of your own
 #
-# A PD law at 1 kHz turns the shoulder by 0.2 rad in 0.4 s, with the torque that held the arm fed
-# forward. The torque that a step is given is the one at its end: with what was read at its
-# beginning the loop has a delay of one step, as a digital one has.
+# A PD law at 1 kHz turns the shoulder by 0.2 rad in 0.4 s, with the holding torque of the start fed
+# forward. A step takes the torque at its end. Computed from the state at its beginning, that
+# torque has a delay of one step, as in a digital loop.
 
 # %%
 stiff = np.array([400.0, 400.0, 200.0, 10.0, 10.0, 1.0])  # [N m/rad], as the arm carries
@@ -62,11 +62,11 @@ axes[1].plot(run.t[1:], 1e6 * np.array(strain))
 axes[1].set(xlabel="t [s]", ylabel="strain [um/m]");
 
 # %% [markdown]
-# ## Back to where it was
+# ## Go back to an earlier state
 #
-# What goes on from a snapshot is the same to the last bit. A step that cannot be taken (numbers
-# that are none, a motor at its stop, an input that jumps too far) raises one sentence, and the
-# simulator stays where it was.
+# From a snapshot the simulator repeats its steps to the last bit. If it cannot take a step (NaN as input,
+# a motor at its stop, an input that jumps too far), it raises an error of one sentence and keeps its
+# state.
 
 # %%
 kept = arm.snapshot()
@@ -82,11 +82,11 @@ except pf.DescriptionError as error:
 # %% [markdown]
 # ## What a step costs
 #
-# A step takes 12 Newton iterations and one new tangent at the most (`iterations`, `tangents`;
-# `every` renews it on a schedule); new ones are made ahead of need, evaluated behind one step and
-# factored behind the next. `pinflex bench ur5 --worst` takes a million steps and tells median,
-# rare ones and the largest beside the same arithmetic again and again: what both share is the
-# machine's. Here a few, on the machine that built this page.
+# A step takes at most 12 Newton iterations and one new tangent (`iterations`, `tangents`;
+# `every` renews it on a schedule). The simulator prepares new tangents ahead of need: it evaluates one after a step and
+# factors it after the next. `pinflex bench ur5 --worst` takes a million steps and prints their median,
+# high quantiles and maximum, beside those of one repeated piece of arithmetic; outliers that both show come from the
+# machine. Here are a few steps, on the machine that built this page.
 
 # %%
 from pinflex.live.cost import step_cost
@@ -100,14 +100,14 @@ print(f"median {1e6 * cost.percentiles[50.0]:.0f} us, 99.9 % within "
 #
 # The same steps as an FMU (FMI 2.0, or 3.0 with `--fmi 3`; co-simulation) for Simulink, Modelica
 # tools or FMPy, or as C sources: from the shell `pinflex export ur5 --fmu ur5.fmu`, `pinflex export
-# ur5 --c ur5_c`. Variables have the names and units of the table of a run, and `stress LINK` is the
-# largest normal stress by the strains of a beam. Parameters: `damping` multiplies the damping of
-# joints and links, `payload` is the mass in kg that the platform carries. Derivatives of outputs by
-# inputs are there (`fmi2GetDirectionalDerivative`): those of one step.
+# ur5 --c ur5_c`. Variables have the names and units of a run's table; `stress LINK` is the largest normal
+# stress from the strains of a beam. You can set two parameters: `damping` multiplies the damping of
+# joints and links, `payload` is the mass in kg that the platform carries.
+# `fmi2GetDirectionalDerivative` returns derivatives of outputs with respect to inputs over one step.
 #
-# `examples/controller_in_c.py` couples such an FMU with a controller in C, another FMU;
-# `examples/lqg_in_the_loop.py` has a Kalman filter behind an encoder and a delay, and
-# `examples/learn_to_reach.py` is an environment of gymnasium, with what a few hundred tries learn.
+# `examples/controller_in_c.py` couples such an FMU with a controller in C, a second FMU;
+# `examples/lqg_in_the_loop.py` uses a Kalman filter behind an encoder and a delay;
+# `examples/learn_to_reach.py` is a gymnasium environment and trains on it for a few hundred episodes.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Play, stops and clearance
 #
-# Real joints have play: gears backlash, pins clearance; ways have ends, cables only pull. Each is
-# one key of the YAML. The steps of level coupled end where something touches and where it lets go,
-# so that a contact costs no accuracy, and `run.events` lists them.
+# Real gears have backlash, pins have clearance, joints reach their stops, and cables can only pull. Each of these
+# is one key of the YAML. Level coupled ends a step wherever a contact begins or ends, so contacts cost no
+# accuracy; `run.events` lists them.
 #
 # ## Backlash
 #
-# A motor swings a link to and fro; its gear has 0.5 deg of play from flank to flank.
+# A motor swings a link back and forth; its gear has 0.5 deg of play between the flanks.
 
 # %%
 from pathlib import Path
@@ -41,13 +41,13 @@ axes.set(xlabel="t [s]", ylabel="gear [deg]")
 axes.legend(frameon=False);
 
 # %% [markdown]
-# The link lies on one flank under its weight, and crosses the play (grey) where the motion
-# turns the torque round.
+# Its weight holds the link against one flank. It crosses the play (grey) when the motion reverses the
+# torque.
 #
 # ## Stops
 #
-# `stiffness` and `damping` make a bumper, `restitution` a rigid stop, which gives back a part of
-# the speed at once: the event has the impulse and the energy that is lost.
+# `stiffness` and `damping` define an elastic bumper. `restitution` defines a rigid stop, which returns a part of
+# the speed instantly; the event records the impulse and the energy loss.
 
 # %%
 Path("falling.yaml").write_text("""urdf: arm.urdf
@@ -71,14 +71,14 @@ axes.set(xlabel="t [s]", ylabel="elbow [rad]")
 axes.legend(frameon=False);
 
 # %% [markdown]
-# A ball that bounces ever faster comes to rest, and lies on its stop until it is pulled away.
+# A ball that bounces faster and faster comes to rest and stays on its stop until something lifts it.
 #
 # ## Pins with clearance
 #
-# The three pins of the planar 3-RRR, 5 mm thick, get 50 um of clearance, and start in the middle of
-# their holes. `pin_1` is a joint of the tree: it is cut and closed again as a loop. The links see
-# the blows. (Without `start` the pins begin where the motion presses them against their holes, and
-# there are fewer.)
+# The three pins of the planar 3-RRR, 5 mm in diameter, get 50 um of clearance and start at the centre of
+# their holes. `pin_1` is a joint of the tree: pinflex cuts it and closes it again as a loop. The impacts
+# excite the links. (Without `start` the pins begin where the motion presses them against their holes, and there
+# are fewer impacts.)
 
 # %%
 pins = ["joints.pin_1={clearance: 50 um, pin: 5 mm}"]
@@ -92,10 +92,10 @@ print(*run.meta["warnings"], sep="\n")
 run.plot("loop/pin_2/orbit");
 
 # %% [markdown]
-# Read the last warning: blows multiply small differences, so that after some of them two runs
-# part whatever the step, even if their speeds start 1e-9 apart. Peaks, means and spectra are what
-# to ask for then, with their spread over three runs (two more, made when they are asked for); or
-# the history up to the time that the warning names.
+# Read the last warning: impacts amplify small differences, so after some of them two runs
+# diverge with any step, even if their initial speeds differ by only 1e-9. Then use peaks, means and spectra with
+# their spread over three runs (pinflex makes the other two on request), or the history up to the time that
+# the warning names.
 
 # %%
 motor = run.statistics["motor_1"]
@@ -108,9 +108,9 @@ ax.set(xscale="log", yscale="log", xlabel="octave from [Hz]", ylabel="torque, rm
 # %% [markdown]
 # ## To the ideal joint
 #
-# Less clearance, less play, a stiffer stop: what differs from the ideal joint falls with them, at
-# first order but for what blows leave ringing (of a stop, with the time that it is touched, the
-# root of its compliance).
+# With less clearance, less play or a stiffer stop, the difference from the ideal joint falls, to
+# first order except for the vibration after impacts. For a stop it falls with the duration of contact, the
+# square root of its compliance.
 
 # %%
 def angle(scene, change):
@@ -142,17 +142,17 @@ for name, apart in rows:
     print(f"{name:22} {1e3 * apart:8.4f} mrad off the ideal joint")
 
 # %% [markdown]
-# ## Cables and springs that are not straight
+# ## Cables and nonlinear springs
 #
 # `springs: {cable: {between: [A, B], stiffness: 1e5, length: 0.4, tension_only: true}}` pulls and
-# never pushes; `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness is a spring by
-# points (elongation, pull), and `joints: {NAME: {table: ...}}` the same in a joint.
+# never pushes. `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness defines a spring by
+# points (elongation, pull); `joints: {NAME: {table: ...}}` does the same for a joint.
 #
-# ## How far a platform is loose
+# ## How loose is the platform?
 #
-# Before anything moves: where can the platform be while its motors stand still? `pf.play` tells
-# it to first order, for pins with clearance, balls and gears with backlash. Here every pin of the
-# 3-RRR, nine of them, has 50 um.
+# Where can the platform be while its motors stand still? `pf.play` computes this to first order,
+# for pins with clearance, balls, and gears with backlash. Here each of the nine pins of the
+# 3-RRR has 50 um.
 
 # %%
 found = pf.play("3rrr", clearance="50 um")
@@ -161,8 +161,8 @@ far, turn = found.farthest[0], found.largest_turn[0]
 print(f"farthest: {1e6 * far:.0f} um, turned by {1e3 * turn:.2f} mrad")
 
 # %% [markdown]
-# Each pin adds its clearance times the force that a load of one newton along that direction makes
-# in it. So the play is largest where a machine is weakest, near its singular poses. Over the
+# Each pin adds its clearance times the force that a unit load along that direction causes
+# in it. So the play is largest near singular poses, where a machine is weakest. Over the
 # workspace (`pinflex map 3rrr --play 50um --grid x=-.06:.06:7 --grid y=-.06:.06:7 --plot
 # play.png` draws the same):
 
@@ -171,11 +171,11 @@ grid = {"x": np.linspace(-0.06, 0.06, 7), "y": np.linspace(-0.06, 0.06, 7)}
 pf.play_map("3rrr", grid, clearance="50 um").plot();
 
 # %% [markdown]
-# ## Where it lies
+# ## Where does it rest?
 #
-# A load takes the play up: level quasistatic and the equilibria behind modes and `start: static`
-# find where. Under 30 N in their plane the two loose pins let the platform down by its play along
-# the load, beside the sag of the links. Where nothing pushes, pins stay in the middle and the run
+# A load takes up the play. Level quasistatic, and the equilibria behind modes and `start: static`,
+# solve for the resting place. Under 30 N in their plane the two loose pins let the platform drop by its play along
+# the load, in addition to the sag of the links. Pins without load stay centred, and the run
 # says so; `pinflex check` names them.
 
 # %%

@@ -11,6 +11,7 @@ Claims:
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -170,6 +171,43 @@ def test_open_branches_are_proposed_as_a_closed_robot(tmp_path: Path) -> None:
     robot = pf.load(out)
     assert robot.report.mobility == 3 * (5 - 1) - 2 * 5  # Gruebler: five links, five pins
     assert pf.solve(robot, level="rigid", samples=5).worst_closure < 1e-8  # it runs as proposed
+
+
+SLIDER = (
+    '<joint name="{}" type="prismatic"><parent link="{}"/><child link="{}"/>'
+    '<origin xyz="0.15 0 0"/><axis xyz="1 0 0"/>'
+    '<limit lower="-.1" upper=".1" effort="100" velocity="1"/></joint>'
+)
+
+
+def two_legs() -> str:
+    """A triangle whose two sides turn about the base and lengthen; both tips are drawn together."""
+    text = '<robot name="legs"><link name="base"/>'
+    for side, x, turn in (("l", 0, 0.9273), ("r", 0.6, math.pi - 0.9273)):  # sides 3, 4, 5
+        hinge = HINGE.format(f"pin_{side}", "continuous", "base", f"case_{side}", x)
+        text += hinge.replace('0 0"/><axis', f'0 0" rpy="0 0 {turn}"/><axis')
+        for part in ("case", "rod"):
+            text += BAR.format(name=f"{part}_{side}", length=0.35, half=0.175, mass=0.2)
+        text += SLIDER.format(f"leg_{side}", f"case_{side}", f"rod_{side}")
+        text += f'<link name="tip_{side}"/>'
+        text += HINGE.format(f"end_{side}", "fixed", f"rod_{side}", f"tip_{side}", 0.35)
+    return text + "</robot>"
+
+
+@pytest.mark.parametrize(
+    ("robot", "motors"),
+    [(two_legs(), "leg_l, leg_r"), (five_bar().replace("motor_", "pin_"), "pin_l, pin_r")],
+    ids=["sliders", "on the base"],
+)
+def test_motors_without_such_names_are_as_many_as_the_freedoms(
+    tmp_path: Path, robot: str, motors: str
+) -> None:
+    """Joints that slide, else those on the base: two of them, and Gruebler leaves two freedoms."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(robot, "utf-8")
+    assert main(["new", str(path)]) == 0
+    written = path.with_suffix(".yaml").read_text("utf-8")
+    assert f"# actuated: [{motors}]  # mobility 2 with these loops\n" in written
 
 
 def test_a_finger_is_no_platform(tmp_path: Path) -> None:

@@ -433,7 +433,7 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
         return []
     lines = [
         "",
-        "# Ends that may meet: GUESSES. Keep those that do, with the right kind; remove the #.",
+        "# Ends that may meet, and motors: GUESSES. Keep what is right; remove the #.",
     ]
     lines += ["# loops:"]
     for loop in ways.loops:

@@ -16,7 +16,7 @@ import pinocchio as pin
 import yaml
 
 from pinflex.arrays import Array
-from pinflex.description.files import Source
+from pinflex.description.files import Source, SourceJoint
 from pinflex.description.reading import yaml_text
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
@@ -124,10 +124,10 @@ def _aside(number: int, links: Sequence[Link]) -> bool:
 
 def closing(mechanism: Mechanism, tree: Source) -> Closing:
     """The loops that a file leaves open, of the first kind that gives every motor its freedom."""
-    pairs = _pairs(mechanism, named_motors(tree))
+    motors = named_motors(tree)
+    pairs = _pairs(mechanism, motors)
     if not pairs:
         return Closing()
-    motors = named_motors(tree)
     best = Closing(tuple(pairs), motors)
     some = json.dumps(motors or mechanism.description.actuated[:1])
     for kind in _kinds(mechanism, pairs):
@@ -139,8 +139,9 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
         except PinflexError:
             continue
         mobility = closed.report.mobility
-        if mobility and mobility == len(motors):
-            return Closing(loops, motors, closed)
+        driven = motors or _likely_motors(tree, mobility)
+        if mobility and mobility == len(driven):
+            return Closing(loops, driven, closed)
         if mobility and best.closed is None:
             best = Closing(loops, motors, closed)
     return best
@@ -148,12 +149,30 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
 
 def named_motors(tree: Source) -> tuple[str, ...]:
     """Joints whose names say that they have a motor, where not all do."""
-    single = [
-        j.name for j in tree.joints.values()
+    single = _single(tree)
+    found = tuple(joint.name for joint in single if _MOTOR.search(joint.name))
+    return found if len(found) < len(single) else ()
+
+
+def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
+    """The sliding joints, else those on the base, where they are as many as the freedoms."""
+    single = _single(tree)
+    moved = {joint.child for joint in tree.joints.values() if joint.type != "fixed"}
+    for likely in (
+        [joint.name for joint in single if joint.type == "prismatic"],
+        [joint.name for joint in single if joint.parent not in moved],
+    ):
+        if len(likely) == mobility:
+            return tuple(likely)
+    return ()
+
+
+def _single(tree: Source) -> list[SourceJoint]:
+    """Joints of one freedom that follow no other."""
+    return [
+        j for j in tree.joints.values()
         if j.type in ("revolute", "continuous", "prismatic") and j.mimic is None
     ]  # fmt: skip
-    found = tuple(name for name in single if _MOTOR.search(name))
-    return found if len(found) < len(single) else ()
 
 
 def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
