@@ -399,7 +399,7 @@ def _directions(
             else:
                 T, names = craig_bampton(family, direction, K, M, link.basis.internal)
                 family = combine(family, T, names)
-            K, M = T.T @ K @ T, T.T @ M @ T
+            K, M = (0.5 * (x + x.T) for x in (T.T @ K @ T, T.T @ M @ T))
         families[direction], blocks[direction] = family, (K, M)
         slices[direction], n = slice(n, n + family.n), n + family.n
     K, M = np.zeros((n, n)), np.zeros((n, n))
