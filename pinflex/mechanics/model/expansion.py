@@ -305,10 +305,12 @@ class _Assembler:
         return joint
 
     def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
-        bent = [False] * len(rows) if G is None else G.any(axis=(1, 2)).tolist()
+        bent = np.zeros(len(rows), dtype=bool)
+        if G is not None:
+            bent[:] = G.any(axis=(1, 2))
         self.maps[slot] += [
             (row, Phi[k], G[k] if G is not None and curved else None)
-            for k, (row, curved) in enumerate(zip(rows.tolist(), bent, strict=True))
+            for k, (row, curved) in enumerate(zip(rows.tolist(), bent.tolist(), strict=True))
         ]
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
