@@ -229,20 +229,21 @@ def output_differences(a: Result, b: Result, free: bool = False) -> dict[str, fl
     return {key: e for key, e in found.items() if e is not None}
 
 
-def link_differences(a: Result, b: Result) -> dict[str, float]:
+def link_differences(a: Result, b: Result, left_out: str = "") -> dict[str, float]:
     """The same of deflection, stress and section forces, at the sections that both have."""
     found: dict[str, float] = {}
     values: dict[str, tuple[list[Array], list[Array]]] = {
-        key: ([], []) for key in ("deflection", "stress", "section forces")
+        key: ([], []) for key in _OF_LINKS if key != left_out
     }
     for name in b.links:
         theirs = b.link(name)
         mine = a.link(name) if name in a.links else None
         own, at = shared(theirs.x if mine is None else mine.x, theirs.x)
-        for key, pick in _OF_LINKS.items():
+        for key, pair in values.items():
+            pick = _OF_LINKS[key]
             y = pick(theirs)[:, at]
-            values[key][0].append(0.0 * y if mine is None else pick(mine)[:, own])
-            values[key][1].append(y)
+            pair[0].append(0.0 * y if mine is None else pick(mine)[:, own])
+            pair[1].append(y)
     for key, (x, y) in values.items():
         for part in _PARTS.get(key, (slice(None),)):
             cut = (..., part) if key in _PARTS else ...
@@ -454,7 +455,8 @@ def compared(probe: Probe) -> slice:
 
 def _look_differences(small: Look, large: Look) -> Errors:
     """Largest differences of one look from another, by output."""
-    found = link_differences(small.result, large.result) | differences(small, large)
+    found = link_differences(small.result, large.result, "deflection")  # which looks know
+    found |= differences(small, large)
     found |= platform_acceleration(small.result, large.result)
     return {key: found[key] for key in _TOLD if key in found}
 

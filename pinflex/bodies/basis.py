@@ -28,6 +28,7 @@ from pinflex.bodies.beam import (
     checked_density,
     craig_bampton,
     damping,
+    plain_shapes,
     union,
 )
 from pinflex.bodies.family import (
@@ -391,10 +392,14 @@ def _directions(
     n = 0
     for direction in (d for d in DIRECTIONS if d in planes):
         family = _family(link, direction, length, planes)
-        K, M = beam_energy(link, direction, family, density)
+        K, M, plain = beam_energy(link, direction, family, density)
         if link.basis.kind == "craig_bampton":
-            T, names = craig_bampton(family, direction, K, M, link.basis.internal)
-            family, K, M = combine(family, T, names), T.T @ K @ T, T.T @ M @ T
+            if plain:
+                family, T = plain_shapes(family, direction, link.basis.internal)
+            else:
+                T, names = craig_bampton(family, direction, K, M, link.basis.internal)
+                family = combine(family, T, names)
+            K, M = (0.5 * (x + x.T) for x in (T.T @ K @ T, T.T @ M @ T))
         families[direction], blocks[direction] = family, (K, M)
         slices[direction], n = slice(n, n + family.n), n + family.n
     K, M = np.zeros((n, n)), np.zeros((n, n))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.family import BENDING, Family, quadrature
+from pinflex.bodies.family import BENDING, Family, combine, quadrature
 from pinflex.description.blocks.material import BASES, BOUNDARIES, KINDS, ORDERS
 from pinflex.errors import DescriptionError, nearest
 
@@ -26,6 +27,9 @@ _FIRST_ORDER = (
     (4, "w", "rot", -1.0),
     (5, "p", "f", 1.0),
 )
+
+
+_SMALL = 1 << 16  # numbers: rows of so many are kept
 
 
 def union(breaks: Sequence[Array]) -> Array:
@@ -47,7 +51,7 @@ def first_order(families: Mapping[str, Family], slices: Mapping[str, slice], x: 
 def second_order(
     families: Mapping[str, Family], slices: Mapping[str, slice], x: Array, rows: Sequence[int]
 ) -> Array:
-    """Second-order rows of (u, v, w, rz, ry, rx) at x.
+    """Second-order rows of (u, v, w, rz, ry, rx) at x; not to be changed.
 
     With a, b the bending rotations (rv, -rw), g the shear strains and integrals from 0 to x,
 
@@ -61,7 +65,19 @@ def second_order(
     Returns:
         Shape (nx, len(rows), n, n), symmetric in the last two.
     """
-    n = _width(slices)
+    asked = tuple((d, one, slices[d].start) for d, one in families.items()), tuple(rows)
+    small = len(x) * len(rows) * _width(slices) ** 2 < _SMALL
+    return (_second_order if small else _second_order.__wrapped__)(*asked, x.tobytes())
+
+
+@lru_cache(maxsize=128)
+def _second_order(
+    asked: tuple[tuple[str, Family, int], ...], rows: tuple[int, ...], at: bytes
+) -> Array:
+    """The same, kept: no load, section or material changes them."""
+    families = {d: one for d, one, _ in asked}
+    slices = {d: slice(start, start + one.n) for d, one, start in asked}
+    n, x = _width(slices), np.frombuffer(at)
     G = np.zeros((len(x), len(rows), n, n))
     if len(x) == 0:
         return G
@@ -97,6 +113,7 @@ def second_order(
             add(across, d, "p", sign * drift)
     if "v" in F and "w" in F:
         add(5, "v", "w", -integral(F["v"].curv, F["w"].rot))
+    G.flags.writeable = False  # others look at it, too
     return G
 
 
@@ -139,34 +156,56 @@ def bending(section: Section, direction: str) -> tuple[float, float]:
 
 def beam_energy(
     link: FlexibleLink, direction: str, family: Family, rho: float
-) -> tuple[Array, Array]:
-    """Stiffness and mass matrix of one direction, end masses included, each (n, n)."""
+) -> tuple[Array, Array, bool]:
+    """Stiffness and mass matrix of one direction, end masses included, each (n, n).
+
+    And whether they are those of a plain bar, see `plain_shapes`, but for their units.
+    """
     section, E, G = link.section, link.material.E, link.material.G
-    shear = 0.0
-    if direction == "u":
-        stiffness, spin = E * section.A, 0.0
-    elif direction == "p":
-        stiffness, spin = G * section.J, rho * section.Ip
-    else:
+    bends, along = direction in BENDING, rho * section.A
+    if bends:
         second, k = bending(section, direction)
-        stiffness = E * second
         spin = rho * section.turning[direction == "v"] * (link.rotary_inertia is True)
         shear = k * G * section.A * family.shear
-    x, weights = quadrature(family.breaks, family.gauss)
-    F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]
-    K = stiffness * F.curv.T @ (w * F.curv)
-    if shear:
-        K += shear * (F.df - F.rot).T @ (w * (F.df - F.rot))
-    translates = direction != "p"
-    M = spin * F.rot.T @ (w * F.rot) + translates * rho * section.A * F.f.T @ (w * F.f)
+        stiffness, plain = E * second, not (spin or shear)
+    else:
+        shear, plain = 0.0, True
+        stiffness, along, spin = (
+            (E * section.A, along, 0.0)
+            if direction == "u"
+            else (G * section.J, 0.0, rho * section.Ip)
+        )
+    bent, slid, moved, turned = _integrals(family)
+    K, M = stiffness * bent + shear * slid, along * moved + spin * turned
     axis = {"p": 0, "w": 1, "v": 2}.get(direction)
     for end, at in ((link.root, 0.0), (link.tip, family.length)):
         # One body stands for every segment of a link that is cut; none of them owns the ends.
         if end is not None and link.segments == 1:
-            F = family.evaluate(np.array([at]))
+            F, plain = family.evaluate(np.array([at])), False
             turn = 0.0 if axis is None else end.inertia[axis]
-            M += translates * end.mass * F.f.T @ F.f + turn * F.rot.T @ F.rot
-    return 0.5 * (K + K.T), 0.5 * (M + M.T)
+            M += (direction != "p") * end.mass * F.f.T @ F.f + turn * F.rot.T @ F.rot
+    return K, M, plain
+
+
+@lru_cache(maxsize=64)
+def _integrals(family: Family) -> tuple[Array, ...]:
+    """Integrals of curv' curv, (df - rot)' (df - rot), f' f and rot' rot, each (n, n)."""
+    x, weights = quadrature(family.breaks, family.gauss)
+    F, w = family.evaluate(x.ravel()), weights.ravel()[:, None]
+    each = (F.curv, F.df - F.rot if family.shear else 0.0 * F.f, F.f, F.rot)
+    found = tuple(field.T @ (w * field) for field in each)
+    return tuple(0.5 * (x + x.T) for x in found)
+
+
+@lru_cache(maxsize=64)
+def plain_shapes(family: Family, direction: str, internal: int) -> tuple[Family, Array]:
+    """The end shapes and modes of `craig_bampton` for a bar without shear, ends or turning mass.
+
+    They do not depend on its section or material. Returns the new functions, and T.
+    """
+    K, _, moved, turned = _integrals(family)
+    T, names = craig_bampton(family, direction, K, turned if direction == "p" else moved, internal)
+    return combine(family, T, names), T
 
 
 def craig_bampton(

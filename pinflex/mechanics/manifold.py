@@ -45,9 +45,10 @@ def as_matrices(poses: Array) -> Array:
 def support(model: pin.Model, joint: int) -> Array:
     """1 for the velocity rows that move a joint, else 0, shape (nV,)."""
     found, rows, counts = np.zeros(int(model.nv)), model.idx_vs, model.nvs
+    parents = model.parents
     while joint:  # 0 is the world
         found[rows[joint] : rows[joint] + counts[joint]] = 1.0
-        joint = model.parents[joint]
+        joint = parents[joint]
     return found
 
 

@@ -102,7 +102,7 @@ def require_mass(
 def mass_of_model(system: System, poses: Array) -> Array:
     """Spatial inertia (6, 6) of a model about the world's origin [kg, kg m, kg m^2]."""
     turn, place = poses[0, :, :9].reshape(-1, 3, 3).swapaxes(1, 2), poses[0, :, 9:]
-    own = np.array([inertia.matrix() for inertia in system.expansion.model.inertias])
+    own = np.array([inertia.matrix() for inertia in system.expansion.model.inertias.tolist()])
     own[0] = 0.0
     for joint, more in zip(system.added.joints, system.added.inertia, strict=True):
         own[joint] += more

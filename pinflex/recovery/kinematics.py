@@ -24,6 +24,7 @@ from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment, Interface, Loads
 from pinflex.results.result import Result
+from pinflex.rotations import cross
 from pinflex.text import brief
 
 # Work of loads that have no potential: those that change in time or follow, and moments.
@@ -74,7 +75,7 @@ def _in_full(
         P = position @ push + _integral(t, rate[:, 3:] @ wrench[3:], rise[:, 3:] @ wrench[3:])
         return P, power, slope
     turned = np.concatenate([rotation @ push, rotation @ wrench[3:]], axis=1)
-    spin = np.cross(rate[:, 3:], turned[:, :3])  # a following moment turns across its own power
+    spin = cross(rate[:, 3:], turned[:, :3])  # a following moment turns across its own power
     power = np.sum(turned * rate, axis=1)
     slope = np.sum(turned * rise, axis=1) + np.sum(spin * rate[:, :3], axis=1)
     return _integral(t, power, slope), power, slope
@@ -181,8 +182,8 @@ def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Ar
     """Of a frame: position, rotation, velocity and classical acceleration in the world."""
     turn, p = poses[:, :, :3], np.asarray(placement.translation)
     (v, w), (a, spin) = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in rates.swapaxes(0, 1))
-    speed = v + np.cross(w, p)
-    linear = a + np.cross(spin, p) + np.cross(w, speed)
+    speed = v + cross(w, p)
+    linear = a + cross(spin, p) + cross(w, speed)
 
     def world(*vectors: Array) -> Array:
         return np.concatenate([(turn @ x[..., None])[..., 0] for x in vectors], axis=1)

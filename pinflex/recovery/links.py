@@ -14,7 +14,7 @@ from pinflex.mechanics.evaluation.equations import Equations, section_forces
 from pinflex.mechanics.evaluation.frames import poses_of_frames
 from pinflex.mechanics.model.loads import Attachment, Slot
 from pinflex.recovery.kinematics import Samples, pose_of
-from pinflex.rotations import rotation_vector, zyx_matrix
+from pinflex.rotations import cross, rotation_vector, zyx_matrix
 
 # Section forces of a reduced solid, and von Mises stress on the surface of its mesh.
 
@@ -40,10 +40,10 @@ def solid_resultants(
         beyond = solid.x <= max(node.place[0], 0.0) * (1.0 + 1e-9)
         at = node.place + eta @ node.Phi[:3].T
         force[:, beyond] += push[:, None]
-        moment[:, beyond] += (turn + np.cross(at, push))[:, None]
+        moment[:, beyond] += (turn + cross(at, push))[:, None]
     place = d[:, :, :3].copy()
     place[:, :, 0] += solid.x
-    moment -= np.cross(place, force)
+    moment -= cross(place, force)
     return -np.concatenate([force, moment], axis=2)
 
 
@@ -80,6 +80,7 @@ def surface(
 
 
 _PLACES, _TURNS = slice(0, 3), slice(3, 6)
+_AT_ONCE = 1 << 12  # sections over all fibres: they stay in the cache
 
 
 def section_deflections(section: Cut, eta: Array, rows: slice = slice(None)) -> Array:
@@ -91,8 +92,8 @@ def section_deflections(section: Cut, eta: Array, rows: slice = slice(None)) -> 
     (sections, height, n), count = Phi.shape, len(eta)
     d: Array = eta @ Phi.reshape(-1, n).T
     if G is not None:
-        bent = (eta @ G.reshape(-1, n).T).reshape(count, -1, n)
-        d += 0.5 * (bent @ eta[:, :, None])[:, :, 0]
+        pairs = (eta[:, :, None] * eta[:, None]).reshape(count, n * n)
+        d += 0.5 * (pairs @ G.reshape(-1, n * n).T)
     return d.reshape(count, sections, height)
 
 
@@ -112,7 +113,7 @@ def section_resultants(
     """
     where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
     where[:, :, 0] += body.x
-    arm = np.cross(where, station)
+    arm = cross(where, station)
     force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
     moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
     if len(body.xt):
@@ -124,8 +125,8 @@ def section_resultants(
         k = int(np.argmin(np.abs(section.x - x)))
         at = place[:, k] + np.array([x - section.x[k], 0.0, 0.0])
         force[:, beyond] += pull[:, None]
-        moment[:, beyond] += (turn + np.cross(at, pull))[:, None]
-    moment -= np.cross(place, force)
+        moment[:, beyond] += (turn + cross(at, pull))[:, None]
+    moment -= cross(place, force)
     return -np.concatenate([force, moment], axis=2)
 
 
@@ -135,18 +136,20 @@ def stresses(section: Section, forces: Array) -> dict[str, Array]:
     normal = axial + bending at the worst fibre; shear from torsion, largest on the section;
     von_mises = sqrt(normal^2 + 3 shear^2): an upper bound where the maxima are at two points.
     """
-    N, _, _, T, My, Mz = np.ascontiguousarray(np.moveaxis(forces, -1, 0))  # read once per fibre
+    N, _, _, T, My, Mz = np.moveaxis(forces, -1, 0)
     axial = N / section.A
     fibres = np.array(section.fibres)
     half = len(fibres) // 2
     rest = np.abs(fibres[:half] + fibres[-half:])
     opposite = 2 * half == len(fibres) and np.all(rest < 1e-12 * np.max(np.abs(fibres)))
-    most, least = np.zeros_like(N), np.zeros_like(N)  # of bending, over the fibres
-    for y, z in fibres[:half] if opposite else fibres:
-        fibre = My * (z / section.Iy)
-        fibre -= Mz * (y / section.Iz)
-        np.maximum(most, fibre, out=most)
-        np.minimum(least, fibre, out=least)
+    y, z = (fibres[:half] if opposite else fibres).T
+    lever, moments = np.stack([-y / section.Iz, z / section.Iy], axis=1), np.stack([Mz, My])
+    most, least = np.empty_like(axial), np.empty_like(axial)  # of bending, over the fibres
+    for at in range(0, len(axial), step := -(-_AT_ONCE // max(axial.shape[1], 1))):
+        s = slice(at, at + step)
+        bent = np.tensordot(lever, moments[:, s], 1)
+        np.max(bent, axis=0, initial=0.0, out=most[s])
+        np.min(bent, axis=0, initial=0.0, out=least[s])
     bending = np.maximum(most, -least)
     if opposite:  # each stands for the one across too
         most, least = bending, -bending

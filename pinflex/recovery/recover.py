@@ -20,6 +20,7 @@ from pinflex.recovery.links import forces, lines
 from pinflex.recovery.meta import ASSESSED, assess, describe, drives
 from pinflex.results.lazy import Late, plain_meta
 from pinflex.results.result import Result
+from pinflex.rotations import cross
 from pinflex.threads import one_blas_thread
 
 # Joint reactions in one frame for tree joints and loops, and the shaking force on the frame.
@@ -88,7 +89,7 @@ def shaking_of(run: Run) -> Array:
         axes, origin = poses[:, joint, :9].reshape(-1, 3, 3), poses[:, joint, 9:]
         force, moment = ((x[:, None] @ axes)[:, 0] for x in (carried[:, k, :3], carried[:, k, 3:]))
         out[:, :3] -= force
-        out[:, 3:] -= moment + np.cross(origin, force)
+        out[:, 3:] -= moment + cross(origin, force)
     return out
 
 

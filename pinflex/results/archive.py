@@ -317,7 +317,7 @@ _DAMAGE = (  # what a file with a wrong byte makes zipfile, zlib, numpy or json 
     MemoryError,
     struct.error,
 )
-_SAMPLE = 1 << 15  # bytes tried of each array
+_SAMPLE = 1 << 13  # bytes tried of each array
 _CODED = 4  # level of deflate: that of zlib's default takes half as long again for 1 % less
 _WORTH = 0.75  # digits of a motion shrink to 0.85 at most, for a second of a run's ten
 

@@ -157,8 +157,8 @@ def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
     every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
     if len(every) <= _SAMPLES or not fine.system.n_eta:
         return every[:: -(-len(every) // _SAMPLES)]
-    M = Equations(fine.system).mass(fine.y[0])[m:, m:]
-    squares = _squares(fine, coarse.y - fine.y, M)
+    lift = _lift(Equations(fine.system).mass(fine.y[0])[m:, m:])
+    squares = _squares(fine, coarse.y - fine.y, lift)
     size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
     return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
 
@@ -166,20 +166,27 @@ def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
 def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
     """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
     m = int(fine.system.rigid.nv)
+    lift = _lift(mass[m:, m:])
     apart, whole = (
-        _squares(fine, y, mass[m:, m:]).max(axis=1, initial=0.0) ** 0.5
-        for y in (coarse.y - fine.y, fine.y)
+        _squares(fine, y, lift).max(axis=1, initial=0.0) ** 0.5 for y in (coarse.y - fine.y, fine.y)
     )
     strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
     return strain, force
 
 
-def _squares(run: Run, y: Array, M: Array) -> Array:
-    """Energy of strain, and its forces squared over the mass M (n_eta, n_eta), shape (2, nt)."""
+def _lift(M: Array) -> Array:
+    """L with L L' the inverse of a mass matrix, without the coordinates that have no mass."""
+    w, V = np.linalg.eigh(M)
+    some = w > 1e-13 * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
+    return np.asarray(V[:, some] / np.sqrt(w[some]))
+
+
+def _squares(run: Run, y: Array, lift: Array) -> Array:
+    """Energy of strain, and its forces squared over the mass (`_lift` of it), shape (2, nt)."""
     m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
     force = eta @ run.system.K[m:, m:]
-    lifted = np.linalg.lstsq(M, force.T, rcond=1e-13)[0].T  # coordinates may have no mass
-    return np.abs([np.einsum("ki,ki->k", force, x) for x in (eta, lifted)])
+    lifted = force @ lift
+    return np.abs([np.einsum("ki,ki->k", *x) for x in ((force, eta), (lifted, lifted))])
 
 
 _FIRST = 0.5  # resolution of the first steps, of the tolerance

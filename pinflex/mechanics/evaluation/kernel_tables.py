@@ -192,9 +192,8 @@ def uncovered(system: System) -> str | None:
     known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
     if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
         return "closure row of another sort"
-    joints = system.expansion.model.joints
-    for j in range(1, len(joints)):  # to iterate over Pinocchio's vectors copies each joint
-        name = joints[j].shortname().removeprefix(_PREFIX)
+    for joint in system.expansion.model.joints.tolist()[1:]:
+        name = joint.shortname().removeprefix(_PREFIX)
         if name not in _JOINTS and name not in _ALONG:
             return f"joint of Pinocchio's kind {name}"
     return _unknown(system, KNOWN | {type(system): SYSTEM}, set())
@@ -311,15 +310,17 @@ def _loaded(loads: Loads) -> list[int]:
 def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     nodes, points, twists, armature = [], [], [], model.armature
+    # as lists: each element of Pinocchio's vectors takes a microsecond
+    joints, inertias, parents = (x.tolist() for x in (model.joints, model.inertias, model.parents))
+    carrying, rows, counts = {*parents[1:]}, model.idx_vs.tolist(), model.nvs.tolist()
     for j in range(1, int(model.njoints)):
-        if len(model.children[j]) or j in used:
+        if j in carrying or j in used:
             nodes.append(j)
             continue
-        name, inertia = model.joints[j].shortname().removeprefix(_PREFIX), model.inertias[j]
+        name, inertia = joints[j].shortname().removeprefix(_PREFIX), inertias[j]
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
         rest = xy, xz, yy, yz, zz
-        row = model.idx_vs[j]
-        light = not armature[row : row + model.nvs[j]].any()
+        light = not armature[rows[j] : rows[j] + counts[j]].any()
         if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
             points.append(j)
         elif name == "RX" and light and not any((inertia.mass, *rest)):
@@ -350,10 +351,11 @@ def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]
 
 
 def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
-    kinds = [_kind(model.joints[j]) for j in joints]
-    places, bodies = [model.jointPlacements[j] for j in joints], [model.inertias[j] for j in joints]
+    every = model.joints.tolist(), model.jointPlacements.tolist(), model.inertias.tolist()
+    own, places, bodies = ([of[j] for j in joints] for of in every)
+    kinds = [_kind(joint) for joint in own]
     return {
-        "parent": [node_of[model.parents[j]] for j in joints],
+        "parent": node_of[model.parents.tolist()][joints],
         "kind": [kind for kind, _ in kinds],
         "axis": [axis for _, axis in kinds],
         "R0": [place.rotation for place in places],
@@ -366,20 +368,22 @@ def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, 
 
 
 def _points(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    places, bodies = model.jointPlacements.tolist(), model.inertias.tolist()
     return {
-        "point_node": [node_of[model.parents[j]] for j in joints],
-        "point_R": [model.jointPlacements[j].rotation for j in joints],
-        "point_p": [model.jointPlacements[j].translation for j in joints],
-        "point_mass": [model.inertias[j].mass for j in joints],
+        "point_node": node_of[model.parents.tolist()][joints],
+        "point_R": [places[j].rotation for j in joints],
+        "point_p": [places[j].translation for j in joints],
+        "point_mass": [bodies[j].mass for j in joints],
         **_rows_of(model, joints, "point"),
     }
 
 
 def _twists(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
+    places, bodies = model.jointPlacements.tolist(), model.inertias.tolist()
     return {
-        "twist_node": [node_of[model.parents[j]] for j in joints],
-        "twist_axis": [model.jointPlacements[j].rotation[:, 0] for j in joints],
-        "twist_inertia": [model.inertias[j].inertia[0, 0] for j in joints],
+        "twist_node": node_of[model.parents.tolist()][joints],
+        "twist_axis": [places[j].rotation[:, 0] for j in joints],
+        "twist_inertia": [bodies[j].inertia[0, 0] for j in joints],
         **_rows_of(model, joints, "twist"),
     }
 
@@ -432,8 +436,9 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
     lanes = -(-(ends - starts) // _LANES)
     above, depth = np.full(len(starts), -1), np.zeros(len(starts), dtype=np.intp)
     path = np.full(int(model.njoints), -1)  # the last block on the way to each joint
+    parents = model.parents.tolist()
     for j, at_joint in enumerate(rows, start=1):
-        before = path[int(model.parents[j])]
+        before = path[parents[j]]
         path[j] = last = of[at_joint.start]
         if before not in (last, above[last]):
             above[last] = before

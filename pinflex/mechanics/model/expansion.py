@@ -79,6 +79,7 @@ def _positions(model: pin.Model) -> IntArray:
 
 
 _POINT, _STRAIGHT, _HERE = np.zeros((3, 3)), np.eye(3), pin.SE3.Identity()
+_NOWHERE = np.zeros(3)
 _SLIDE = pin.JointModelTranslation()
 _TURNS = pin.JointModelRZ(), pin.JointModelRY(), pin.JointModelRX()
 
@@ -255,63 +256,62 @@ class _Assembler:
 
     def _stations(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
         rows = np.empty((len(body.mass), 3), dtype=np.intp)
+        turned = body.inertia is not None and body.Phi_r is not None
         for k, place in enumerate(body.points):
-            joint = self._slide(root, place)
-            rows[k] = self._rows(joint)
+            joint, rows[k] = self._slide(root, place)
             self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
             tensor = _POINT
-            if body.inertia is not None and body.Phi_r is not None:
+            if turned:
                 turn = None if body.G_r is None else body.G_r[k]
-                joint = self._turn(joint, slot, body.Phi_r[k], turn)
-                tensor = np.diag(body.inertia[k])
-            self._inertia(joint, pin.Inertia(float(body.mass[k]), np.zeros(3), tensor))
+                joint = self._turn(joint, slot, body.Phi_r[k], turn)  # type: ignore[index]
+                tensor = np.diag(body.inertia[k])  # type: ignore[index]
+            self._inertia(joint, pin.Inertia(float(body.mass[k]), _NOWHERE, tensor))
         return rows
 
     def _twists(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
-        rows = np.empty(len(body.xt), dtype=np.intp)
-        for k, inertia in enumerate(body.It):
+        rows = np.arange(self.model.nv, self.model.nv + len(body.xt), dtype=np.intp)
+        for inertia in body.It:
             name = f"twist {self.model.njoints}"
             joint = self.model.addJoint(root.joint, _TURNS[2], root.placement, name)
-            rows[k] = self.model.idx_vs[joint]
-            G = None if body.G_t is None else body.G_t[k : k + 1]
-            self._map(slot, rows[k : k + 1], body.Phi_t[k : k + 1], G)
             tensor = np.diag([float(inertia), 0.0, 0.0])
-            self._inertia(joint, pin.Inertia(0.0, np.zeros(3), tensor))
+            self._inertia(joint, pin.Inertia(0.0, _NOWHERE, tensor))
+        self._map(slot, rows, body.Phi_t, body.G_t)
         return rows
 
     def _node(
         self, root: Attachment, slot: int, place: Array, Phi: Array, G: Array | None
     ) -> Interface:
-        joint = self._slide(root, place)
-        slide = self._rows(joint)
+        joint, slide = self._slide(root, place)
         self._map(slot, slide, Phi[:3], None if G is None else G[:3])
         joint = self._turn(joint, slot, Phi[3:], None if G is None else G[3:])
         return Interface(float(place[0]), Attachment(joint, pin.SE3.Identity()), slide)
 
-    def _slide(self, root: Attachment, place: Array) -> int:
-        placement = root.placement * pin.SE3(_STRAIGHT, place)
+    def _slide(self, root: Attachment, place: Array) -> tuple[int, IntArray]:
+        """A joint that moves along x, y and z, and its velocity rows."""
+        placement, row = root.placement * pin.SE3(_STRAIGHT, place), int(self.model.nv)
         name = f"section {self.model.njoints}"
-        return int(self.model.addJoint(root.joint, _SLIDE, placement, name))
+        joint = int(self.model.addJoint(root.joint, _SLIDE, placement, name))
+        return joint, np.arange(row, row + 3)
 
     def _turn(self, joint: int, slot: int, Phi: Array, G: Array | None) -> int:
         """Rotations z, y, x of a section: only the ones that move become joints."""
-        for direction, turn in enumerate(_TURNS):
-            curve = None if G is None else G[direction]
-            if not Phi[direction].any() and (curve is None or not curve.any()):
-                continue
+        moves = Phi.any(axis=1) if G is None else Phi.any(axis=1) | G.any(axis=(1, 2))
+        some, row = np.flatnonzero(moves), int(self.model.nv)
+        for direction in some:
             name = f"turn {self.model.njoints}"
-            joint = int(self.model.addJoint(joint, turn, _HERE, name))
-            bend = None if curve is None else curve[None]
-            self._map(slot, self._rows(joint), Phi[direction][None], bend)
+            joint = int(self.model.addJoint(joint, _TURNS[direction], _HERE, name))
+        rows = np.arange(row, row + len(some))
+        self._map(slot, rows, Phi[some], None if G is None else G[some])
         return joint
 
-    def _rows(self, joint: int) -> IntArray:
-        start = self.model.idx_vs[joint]
-        return np.arange(start, start + self.model.nvs[joint])
-
     def _map(self, slot: int, rows: IntArray, Phi: Array, G: Array | None) -> None:
-        curves = {} if G is None else {int(k): G[k] for k in np.flatnonzero(G.any(axis=(1, 2)))}
-        self.maps[slot] += [(row, Phi[k], curves.get(k)) for k, row in enumerate(rows.tolist())]
+        bent = np.zeros(len(rows), dtype=bool)
+        if G is not None:
+            bent[:] = G.any(axis=(1, 2))
+        self.maps[slot] += [
+            (row, Phi[k], G[k] if G is not None and curved else None)
+            for k, (row, curved) in enumerate(zip(rows.tolist(), bent.tolist(), strict=True))
+        ]
 
     def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
         if here.joint:

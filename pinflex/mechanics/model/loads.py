@@ -150,11 +150,14 @@ def rigid_indices(rigid: pin.Model, model: pin.Model) -> tuple[IntArray, IntArra
     """Where the q and v of the rigid model sit in Q and V."""
     q_at = np.empty(rigid.nq, dtype=np.intp)
     v_at = np.empty(rigid.nv, dtype=np.intp)
-    for j, name in enumerate(rigid.names):
+    own = zip(
+        *(x.tolist() for x in (rigid.idx_qs, rigid.idx_vs, rigid.nqs, rigid.nvs)), strict=True
+    )
+    qs, vs = model.idx_qs.tolist(), model.idx_vs.tolist()
+    for name, (q, v, nq, nv) in zip(rigid.names.tolist(), own, strict=True):
         k = model.getJointId(name)
-        q, v, nq, nv = rigid.idx_qs[j], rigid.idx_vs[j], rigid.nqs[j], rigid.nvs[j]
-        q_at[q : q + nq] = model.idx_qs[k] + np.arange(nq)
-        v_at[v : v + nv] = model.idx_vs[k] + np.arange(nv)
+        q_at[q : q + nq] = range(qs[k], qs[k] + nq)
+        v_at[v : v + nv] = range(vs[k], vs[k] + nv)
     return q_at, v_at
 
 

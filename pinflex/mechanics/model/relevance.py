@@ -66,10 +66,14 @@ def left_out(
             like = replace(part.spec, link="", start=None, end=None)
             groups.setdefault((f"{part.length:.9g}", like), []).append(part)
     doubtful: list[tuple[Array, object, str]] = []
+    every = {key: k for k, key in enumerate({key for case in cases.values() for key in case})}
+    share = np.zeros((len(cases), len(every) + 1))  # a column of zeros for what no case has
+    for row, case in zip(share, cases.values(), strict=True):
+        row[[every[key] for key in case]] = [*case.values()]
     for group, equal in groups.items():
         for d in undecided(equal[0].spec, equal[0].planes):
-            each = [sum(case.get((p.link, d), 0.0) for p in equal) for case in cases.values()]
-            doubtful.append((np.array(each), group, d))
+            columns = [every.get((p.link, d), -1) for p in equal]
+            doubtful.append((share[:, columns].sum(axis=1), group, d))
     spent, out = np.zeros(len(cases)), dict[object, list[str]]()
     for cost, group, d in sorted(doubtful, key=lambda x: float(np.max(x[0], initial=0.0))):
         already = out.setdefault(group, [])

@@ -450,15 +450,20 @@ def weighed(
 def pseudo(spatial: Array) -> Array:
     """Pseudo-inertia (4, 4) of a spatial inertia (6, 6); linear in it."""
     tensor = spatial[3:, 3:]
-    h = np.array([[spatial[5, 1]], [spatial[3, 2]], [spatial[4, 0]]])
+    h = np.array([spatial[5, 1], spatial[3, 2], spatial[4, 0]])
     Sigma = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    return np.block([[Sigma, h], [h.T, spatial[:1, :1]]])
+    found = np.empty((4, 4))
+    found[:3, :3], found[:3, 3], found[3, :3], found[3, 3] = Sigma, h, h, spatial[0, 0]
+    return found
 
 
 def _spatial(m: float, h: Array, tensor: Array) -> Array:
     """Spatial inertia (6, 6) of mass m, first moment h and inertia about the origin."""
-    cross = np.array([[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]])
-    return np.block([[m * np.eye(3), -cross], [cross, tensor]])
+    found = np.diag([m, m, m, 0.0, 0.0, 0.0])
+    found[3:, 3:] = tensor
+    found[3:, :3] = cross = [[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]]
+    found[:3, 3:] = np.transpose(cross)
+    return found
 
 
 def _inertia(spatial: Array, none: float) -> pin.Inertia:

@@ -33,6 +33,7 @@ from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference import closures
 from pinflex.mechanics.reference.closures import LoadState, Moves
 from pinflex.mechanics.reference.sleeves import Jet, joined
+from pinflex.rotations import cross
 
 if TYPE_CHECKING:
     from pinflex.arrays import IntArray
@@ -123,18 +124,19 @@ class Placing:
 
     def _step_by_step(self, q: Array) -> tuple[Array, Array]:
         """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
-        placed, J = [pin.SE3.Identity()], np.zeros((6, self.model.nv))
-        joints, above, places = self.model.joints, self.model.parents, self.model.jointPlacements
-        rows, counts = self.model.idx_vs, self.model.nvs
-        for j in range(1, len(joints)):
-            joint = joints[j]
+        model, placed, own = self.model, [pin.SE3.Identity()], []
+        above, places = model.parents.tolist(), model.jointPlacements.tolist()
+        for j, joint in enumerate(model.joints.tolist()[1:], start=1):
             data = joint.createData()
             joint.calc(data, q)
-            here = placed[above[j]] * (places[j] * data.M)
-            placed.append(here)
-            S = np.asarray(data.S, dtype=float).reshape(6, -1)
-            J[:, rows[j] : rows[j] + counts[j]] = here.action @ S
-        return _twelve([[place.np for place in placed]]), J[None]
+            placed.append(placed[above[j]] * (places[j] * data.M))
+            own.append(np.asarray(data.S, dtype=float).reshape(6, -1))
+        poses, S = _twelve([[place.np for place in placed]]), np.hstack(own)
+        of = np.repeat(np.arange(len(placed)), model.nvs.tolist())
+        axes, origins = poses[0, of, :9].reshape(-1, 3, 3), poses[0, of, 9:]
+        J = np.einsum("nkx,pkn->npx", axes, S.reshape(2, 3, -1))
+        J[:, 0] += cross(origins, J[:, 1])
+        return poses, np.ascontiguousarray(J.reshape(-1, 6).T)[None]
 
 
 class _Bones:
@@ -176,16 +178,15 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
 
     Of each row the mass beyond it, times how it moves its centre.
     """
-    joints = int(model.njoints)
-    own = [model.inertias[j] for j in range(joints)]
+    joints, own = int(model.njoints), model.inertias.tolist()
     mass, lever = (np.array([getattr(x, of) for x in own]) for of in ("mass", "lever"))
     centre = (lever[:, None] @ poses[:, :9].reshape(-1, 3, 3))[:, 0] + poses[:, 9:]
     first = mass[:, None] * centre
     for j, above in reversed([*enumerate(model.parents.tolist())][1:]):
         mass[above] += mass[j]
         first[above] += first[j]
-    of = np.repeat(np.arange(joints), np.array(model.nvs))
-    return np.asarray(mass[of] * J[:3] + np.cross(J[3:].T, first[of]).T)
+    of = np.repeat(np.arange(joints), model.nvs.tolist())
+    return np.asarray(mass[of] * J[:3] + cross(J[3:].T, first[of]).T)
 
 
 # The coordinate map: Q = T(y), V = X v, A = X a + Xdot v, with X = dQ/dy.
