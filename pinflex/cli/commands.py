@@ -29,28 +29,28 @@ from pinflex.cli.options import (
 )
 
 SUMMARIES = {  # in the order of the help
-    "check": "what was understood of a model, before anything is solved",
+    "check": "how pinflex reads a model: freedoms, loops, masses, sag, warnings",
     "modes": "natural frequencies and mode shapes at a pose",
-    "advise": "what a scene needs: level, links, planes, modes, tolerance",
+    "advise": "the level, links, planes, modes and tolerance that a scene needs",
     "command": "the motor motion with which the platform follows its path",
     "move": "the shortest motion that keeps limits and leaves the platform still",
-    "shapers": "input shapers for the motion: time they cost, ringing they leave",
+    "shapers": "input shapers for the motion: the time they cost, the ringing they leave",
     "frf": "frequency response from a motor or force to motors and platform",
     "solve": "one run at one level",
-    "compare": "rigid against flexible: what shakes, torques, stress, the level that suffices",
+    "compare": "rigid against flexible: shaking, torques, stress, the level that suffices",
     "sweep": "many cases of a scene in one table",
     "map": "natural frequencies and platform stiffness over poses",
-    "sensitivity": "what to change: per cent of an output for one per cent of a parameter",
-    "design": "the numbers that make an output least while others keep their limits",
+    "sensitivity": "the effect of 1 % more of a parameter, in per cent of an output",
+    "design": "the numbers that minimise an output while others keep their limits",
     "fit": "the numbers that explain measured frequencies, responses or histories",
     "bench": "time against error on a scene",
     "export": "the robot as an FMU, or as C sources",
     "view": "an animation of a saved run",
     "verify": "published benchmarks on this machine",
-    "import": "write a YAML for a robot of another format",
-    "new": "begin a YAML for a URDF",
+    "import": "write a YAML for a robot in another format",
+    "new": "write a YAML to start from, for a URDF",
     "schema": "the JSON Schema of a YAML file, for editors",
-    "completion": "what makes a shell complete commands, options and models",
+    "completion": "a script with which a shell completes commands, options and models",
 }
 SHELLS = ("bash", "zsh")
 _file = partial(option, metavar="FILE")
@@ -58,9 +58,9 @@ _file = partial(option, metavar="FILE")
 CHECK = Command(
     ("look", "run_check"),
     """
-Mobility, loops with their rank and redundant rows, sigma_min, beam against URDF masses, the planes
-in which links bend and why, static sag of the platform, holding torques, first natural frequencies,
-and warnings.""",
+Prints the mobility, loops with their rank and redundant rows, sigma_min, masses of beams and of the
+URDF, the planes in which links bend and why, the static sag of the platform, holding torques, the
+first natural frequencies, and warnings.""",
     "pinflex check 3rrs\n  pinflex check arm/arm.yaml --set gravity.2=-1.62",
     (
         "count",
@@ -126,7 +126,7 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
         ),
         option(
             "--rate", type=positive, metavar="HZ",
-            help="of the rows of -o, such as 1000 (default: the instants that were found)",
+            help="rate of the rows of -o, such as 1000 (default: the instants of the solution)",
         ),
         parameter(
             "level", choices=("rigid", "quasistatic", "exact"),
@@ -168,7 +168,7 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
         option("--shaper", choices=("zv", "zvd", "ei"), help="shape what --robot retimes"),
         parameter(
             "settle", type=small_length, metavar="X",
-            help="distance from rest that is still, such as 50um",
+            help="distance from rest that counts as still, such as 50um",
         ),
         *(
             option(f"--{name}", type=type_, metavar="X", help=text)
@@ -181,7 +181,7 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
                 ("path", "how far the platform may be off its path, such as 1mm", small_length),
             )
         ),
-        option("--like", type=positive, metavar="S", help="limits of a quintic of so many seconds"),
+        option("--like", type=positive, metavar="S", help="take the limits of a quintic of this duration [s]"),
         repeated("--robust", "NAME=SHARE", "payload=20%%, stiffness=10%% or friction=20%%"),
         flag("--baselines", "the usual motions beside it"),
         flag("--off", "a table of what robots 5 %% off do"),
@@ -256,7 +256,7 @@ run that stops early is saved up to its last good step.""",
         (
             parameter("samples", type=samples, metavar="N"),
             option(
-                "--rate", type=positive, metavar="HZ", help="the same by their rate, such as 1000"
+                "--rate", type=positive, metavar="HZ", help="samples per second, in place of --samples"
             ),
         ),
         parameter(
