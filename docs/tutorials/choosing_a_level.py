@@ -1,9 +1,10 @@
 # %% [markdown]
 # # Choosing a level
 #
-# A level is the amount of physics that a run solves. Each level is a limit of the next: `rigid` has no
-# elasticity, `quasistatic` balances inertia and gravity at every instant, `ked` adds linear vibration
-# about the rigid motion, `coupled` solves everything. Take the simplest one that answers your question.
+# A level is the amount of physics that a run solves. Each level is a limit of the next: `rigid` has
+# no elasticity, `quasistatic` balances inertia and gravity at every instant, `ked` adds linear
+# vibration about the rigid motion, `coupled` solves everything. Take the simplest one that answers
+# your question.
 #
 # ## All four on one scene
 #
@@ -41,13 +42,13 @@ for level, run in runs.items():
 axes.set(xlabel="t [s]", ylabel="off rigid [mm]")
 axes.legend(frameon=False);
 # %% [markdown]
-# The scene starts undeformed under gravity and shakes. Level quasistatic gives the mean of this vibration; the
-# linear level follows it until deflections are no longer small.
+# The scene starts undeformed under gravity and shakes. Level quasistatic gives the mean of this
+# vibration; the linear level follows it until deflections are no longer small.
 #
 # ## Ask
 #
-# `advise` solves cheap models of a scene and proposes what a tolerance requires: the level, the links that
-# bend, their planes, and the number of modes.
+# `advise` solves cheap models of a scene and proposes what a tolerance requires: the level, the
+# links that bend, their planes, and the number of modes.
 
 # %%
 from pinflex.__main__ import main
@@ -57,8 +58,8 @@ main(["advise", "race_r2", "--tol", "0.05"]);  # in Python: pf.advise(robot, tol
 # %% [markdown]
 # ## Two errors
 #
-# A run has an error of time integration and an error of the model. `tol` bounds the first. On request
-# pinflex measures the second by comparing with a richer model.
+# A run has an error of time integration and an error of the model. `tol` bounds the first. On
+# request pinflex measures the second by comparing with a richer model.
 
 # %%
 run = pf.solve(pf.load("cantilever"), tol=1e-3)

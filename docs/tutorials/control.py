@@ -35,8 +35,8 @@ axes.set(xlabel="f [Hz]", ylabel=f"{model.outputs[0]} per {model.inputs[0]}");
 # %% [markdown]
 # ## A digital controller on the flexible robot
 #
-# A PD controller at 1 kHz with a delay of one sample follows a command, with its torques fed forward. Between
-# the controller's instants the run solves the coupled equations.
+# A PD controller at 1 kHz with a delay of one sample follows a command, with its torques fed
+# forward. Between the controller's instants the run solves the coupled equations.
 
 # %%
 motion = pf.nonic(platform={"x": 0.06, "y": 0.03, "rz": 0.3}, duration=0.08)

@@ -1,14 +1,14 @@
 # %% [markdown]
 # # A delta robot from a URDF
 #
-# A parallel robot has loops, but a URDF describes a tree. Leave the joints that close the loops out of the
-# URDF and write them in the YAML, one line each.
+# A parallel robot has loops, but a URDF describes a tree. Leave the joints that close the loops out
+# of the URDF and write them in the YAML, one line each.
 #
 # ## The tree
 #
-# Three motors turn three arms, each arm carries a rod, and the first rod carries the plate with `tool` at its
-# centre. The x axis of an arm points outward and y along the motor axis; the x axis of a rod points along the rod. A
-# Python loop writes the equal parts.
+# Three motors turn three arms, each arm carries a rod, and the first rod carries the plate with
+# `tool` at its centre. The x axis of an arm points outward and y along the motor axis; the x axis
+# of a rod points along the rod. A Python loop writes the equal parts.
 
 # %%
 from pathlib import Path
@@ -55,9 +55,9 @@ Path("delta.urdf").write_text(f'<robot name="delta">{"".join(parts)}</robot>');
 # %% [markdown]
 # ## What the URDF cannot say
 #
-# The YAML adds `universal` joints, two loops, a guess of the pose (rough angles suffice) and the flexible links.
-# Universal joints at both ends of a rod keep the plate level, as the parallelograms of a delta do, but only
-# through the torsional stiffness of the rods; so the rods are thick.
+# The YAML adds `universal` joints, two loops, a guess of the pose (rough angles suffice) and the
+# flexible links. Universal joints at both ends of a rod keep the plate level, as the parallelograms
+# of a delta do, but only through the torsional stiffness of the rods; so the rods are thick.
 
 # %%
 Path("delta.yaml").write_text(f"""
@@ -119,7 +119,6 @@ page = pf.view(run, "own_delta.html")
 # %% [markdown]
 # <iframe class="scene" src="delta_from_urdf/own_delta.html" title="The delta in motion"></iframe>
 #
-# The shipped `delta` has parallelograms: its first frequency is twice as high, with thinner
-# rods.
-# Would a simpler level suffice? See [Choosing a level](choosing_a_level.md). You can also start from a MuJoCo, SDF
-# or xacro file: `pinflex import FILE` writes the YAML.
+# The shipped `delta` has parallelograms: its first frequency is twice as high, with thinner rods.
+# Would a simpler level suffice? See [Choosing a level](choosing_a_level.md). You can also start
+# from a MuJoCo, SDF or xacro file: `pinflex import FILE` writes the YAML.

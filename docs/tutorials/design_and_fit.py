@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Design and fit
 #
-# Which number should change, what is its best value, and does the finished robot match the calculation? Three
-# calls on one model answer this.
+# Which number should change, what is its best value, and does the finished robot match the
+# calculation? Three calls on one model answer this.
 #
 # ## What matters
 #
-# A sensitivity is the change of an output in per cent for 1 % more of a number in the YAML. pinflex uses exact
-# derivatives where they exist and checked finite differences elsewhere.
+# A sensitivity is the change of an output in per cent for 1 % more of a number in the YAML. pinflex
+# uses exact derivatives where they exist and checked finite differences elsewhere.
 
 # %%
 import numpy as np
@@ -38,8 +38,9 @@ print(pf.modes(pf.load("lighter.yaml"), count=2).frequencies.round(2), "Hz")
 # %% [markdown]
 # ## What was built
 #
-# A hammer test of the real robot yields four frequencies. Which moduli explain them, how well, and can the test
-# distinguish the two moduli at all? Here known moduli and noise simulate the measurement.
+# A hammer test of the real robot yields four frequencies. Which moduli explain them, how well, and
+# can the test distinguish the two moduli at all? Here known moduli and noise simulate the
+# measurement.
 
 # %%
 KEYS = ["flexible.upper_arm_link.material.E", "flexible.forearm_link.material.E"]
@@ -59,5 +60,5 @@ for (low, high), true in zip(found.intervals, (6.2e10, 7.6e10), strict=True):
 found.plot();
 
 # %% [markdown]
-# From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; for the scatter of many robots
-# `pinflex sweep MODEL --random 300 --normal KEY=5%`.
+# From a terminal: `pinflex sensitivity`, `pinflex design`, `pinflex fit`; for the scatter of many
+# robots `pinflex sweep MODEL --random 300 --normal KEY=5%`.

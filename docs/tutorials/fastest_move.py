@@ -1,8 +1,8 @@
 # %% [markdown]
 # # The fastest move
 #
-# How short can a move be that keeps the motors within their limits and leaves nothing swinging? We answer
-# this for the simplest system that swings, whose solution is known, and for a delta.
+# How short can a move be that keeps the motors within their limits and leaves nothing swinging? We
+# answer this for the simplest system that swings, whose solution is known, and for a delta.
 #
 # ## Two masses and a spring
 #
@@ -43,9 +43,10 @@ found = pf.fastest(
 print(f"{found.duration:.5f} s; a rigid robot of both masses: {found.rigid:.5f} s")
 
 # %% [markdown]
-# With `drive="torque"` the motor applies a force and nothing prescribes its motion. `jerk: inf` lets the force
-# jump, and `settle` limits the end state to a micrometre and a micrometre per second. The force switches
-# from limit to limit three times; there pinflex refines the time grid until the duration converges.
+# With `drive="torque"` the motor applies a force and nothing prescribes its motion. `jerk: inf`
+# lets the force jump, and `settle` limits the end state to a micrometre and a micrometre per
+# second. The force switches from limit to limit three times; there pinflex refines the time grid
+# until the duration converges.
 
 # %%
 t = np.linspace(0.0, 1.3 * found.duration, 801)
@@ -66,10 +67,11 @@ axes[1].legend(frameon=False);
 # %% [markdown]
 # ## A delta
 #
-# The shipped delta moves its plate by 305 mm. The limits are those of its quintic of
-# 0.3 s: the speed of the plate, the torque, and six times the jerk. From the end on the plate must stay
-# within 50 um of its resting place; the motors follow a prescribed motion this time. `robust={"payload": 0.2}`
-# would demand the same for a heavier and a lighter load, at two to three times the computing time.
+# The shipped delta moves its plate by 305 mm. The limits are those of its quintic of 0.3 s: the
+# speed of the plate, the torque, and six times the jerk. From the end on the plate must stay within
+# 50 um of its resting place; the motors follow a prescribed motion this time. `robust={"payload":
+# 0.2}` would demand the same for a heavier and a lighter load, at two to three times the computing
+# time.
 
 # %%
 from pinflex.quickest.limits import of_motion
@@ -110,4 +112,5 @@ print(f"torque {100 * np.abs(again.torque).max() / limits['torque']:.1f} %, "
 
 # %% [markdown]
 # From a terminal: `pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um
-# --baselines -o move.csv`. `pinflex move plan.csv --robot ur5` retimes a trajectory that you already have.
+# --baselines -o move.csv`. `pinflex move plan.csv --robot ur5` retimes a trajectory that you
+# already have.

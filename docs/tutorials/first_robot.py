@@ -1,12 +1,14 @@
 # %% [markdown]
 # # First robot
 #
-# A motor turns an arm of 0.6 m, described in twenty lines. What does its elasticity do to a quick move?
-# You need nothing but pinflex ([Start](../start.md)); building this page executes every line below.
+# A motor turns an arm of 0.6 m, described in twenty lines. What does its elasticity do to a quick
+# move? You need nothing but pinflex ([Start](../start.md)); building this page executes every line
+# below.
 #
 # ## Two files
 #
-# A **URDF** describes links, joints and masses. The massless link `tool` on a fixed joint marks a point.
+# A **URDF** describes links, joints and masses. The massless link `tool` on a fixed joint marks a
+# point.
 
 # %%
 from pathlib import Path
@@ -41,8 +43,8 @@ Path("arm.urdf").write_text("""
 """);
 
 # %% [markdown]
-# The **YAML** adds what a URDF cannot say: which link bends, its material and section, and the motion.
-# The reference lists [every key](../reference/yaml.md) with its unit and default.
+# The **YAML** adds what a URDF cannot say: which link bends, its material and section, and the
+# motion. The reference lists [every key](../reference/yaml.md) with its unit and default.
 
 # %%
 Path("arm.yaml").write_text("""
@@ -62,8 +64,8 @@ robot = pf.load("arm.yaml")
 # %% [markdown]
 # ## Is it what I meant?
 #
-# Compare the first frequency with the motor locked to that of a massless cantilever with the tool and
-# 33/140 of the arm's mass at its tip (Rayleigh's estimate).
+# Compare the first frequency with the motor locked to that of a massless cantilever with the tool
+# and 33/140 of the arm's mass at its tip (Rayleigh's estimate).
 
 # %%
 modes = pf.modes(robot, count=3)
@@ -96,8 +98,8 @@ print(f"stress {1e-6 * flexible.link('arm').von_mises.max():.1f} MPa")
 # %% [markdown]
 # ## See it
 #
-# One file plays in any browser. Turn the robot with the mouse. The page magnifies deflections from the rigid
-# pose and colours them by stress.
+# One file plays in any browser. Turn the robot with the mouse. The page magnifies deflections from
+# the rigid pose and colours them by stress.
 
 # %%
 page = pf.view(flexible, "first_robot.html")

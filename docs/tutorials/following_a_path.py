@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Following a path
 #
-# If the motors follow rigid inverse kinematics exactly, the platform of a flexible robot leaves its path.
-# `pf.command` computes the motor motion that keeps it there.
+# If the motors follow rigid inverse kinematics exactly, the platform of a flexible robot leaves its
+# path. `pf.command` computes the motor motion that keeps it there.
 #
 # ## The rigid command misses
 
@@ -45,8 +45,8 @@ assert worst["exact"] < 0.01 * worst["rigid"]
 # %% [markdown]
 # ## What the motors do differently
 #
-# If the internal dynamics is non-minimum phase, the motors start before the platform; here they also stop a
-# little after it.
+# If the internal dynamics is non-minimum phase, the motors start before the platform; here they
+# also stop a little after it.
 
 # %%
 ahead, after = commands["exact"].actuation
@@ -56,7 +56,8 @@ commands["exact"].to_csv("command.csv").stat().st_size  # for the controller, SI
 # %% [markdown]
 # ## Or avoid only the vibration
 #
-# An input shaper needs only a frequency. It does not keep the platform on its path, but it stops without ringing.
+# An input shaper needs only a frequency. It does not keep the platform on its path, but it stops
+# without ringing.
 
 # %%
 first = float(pf.modes(robot, count=1).frequencies[0])

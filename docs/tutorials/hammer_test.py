@@ -1,12 +1,12 @@
 # %% [markdown]
 # # Your hammer test
 #
-# You have a robot whose datasheet does not give the stiffness of its gear and arm. A hammer with a force cell
-# and one accelerometer measure both in ten minutes. This tutorial goes from taps to numbers with
-# confidence intervals.
+# You have a robot whose datasheet does not give the stiffness of its gear and arm. A hammer with a
+# force cell and one accelerometer measure both in ten minutes. This tutorial goes from taps to
+# numbers with confidence intervals.
 #
-# The arm turns about a vertical axis. Its motor is braked, but its gear is elastic. An aluminium bar
-# of 600 mm carries a tool of 0.4 kg.
+# The arm turns about a vertical axis. Its motor is braked, but its gear is elastic. An aluminium
+# bar of 600 mm carries a tool of 0.4 kg.
 
 # %%
 from pathlib import Path
@@ -42,10 +42,10 @@ print(pf.modes(robot, count=3))
 # %% [markdown]
 # ## Taps
 #
-# Since you have no such arm at hand, a program independent of pinflex simulates the taps, with parameters that
-# the fit does not know: forty Euler-Bernoulli elements on a spring with a damper, solved
-# frequency by frequency. The hammer hits the tool three times, an accelerometer sits beside it, and both
-# signals are noisy.
+# Since you have no such arm at hand, a program independent of pinflex simulates the taps, with
+# parameters that the fit does not know: forty Euler-Bernoulli elements on a spring with a damper,
+# solved frequency by frequency. The hammer hits the tool three times, an accelerometer sits beside
+# it, and both signals are noisy.
 
 # %%
 TRUE = {"E": 6.55e10, "gear": 2900.0, "damping": 4.0}
@@ -95,8 +95,8 @@ axes[1].set(xlabel="t [s]", ylabel="tool [m/s²]");
 # %% [markdown]
 # ## From taps to a frequency response
 #
-# The three taps are averaged to $H_1 = S_{fa} / S_{ff}$, and their scatter gives the weight of each frequency
-# in the fit. Below 3 Hz and above 150 Hz the force excites too little, so those
+# The three taps are averaged to $H_1 = S_{fa} / S_{ff}$, and their scatter gives the weight of each
+# frequency in the fit. Below 3 Hz and above 150 Hz the force excites too little, so those
 # frequencies are left out.
 
 # %%
@@ -120,8 +120,8 @@ measured = {
 # %% [markdown]
 # ## The fit
 #
-# There are three unknowns: the modulus of the bar, and the stiffness and damping of the gear. All three start at
-# datasheet values, which are 5 to 50 % off.
+# There are three unknowns: the modulus of the bar, and the stiffness and damping of the gear. All
+# three start at datasheet values, which are 5 to 50 % off.
 
 # %%
 KEYS = ["flexible.bar.material.E", "joints.motor.drive.stiffness", "joints.motor.drive.damping"]
@@ -137,8 +137,8 @@ found.plot();
 # %% [markdown]
 # ## What it is good for
 #
-# The fitted robot is a scene like any other. How does it behave in its move, and how wrong would the
-# datasheet values have been?
+# The fitted robot is a scene like any other. How does it behave in its move, and how wrong would
+# the datasheet values have been?
 
 # %%
 found.write("fitted.yaml")
@@ -152,5 +152,5 @@ for label, file in (("datasheet", "arm.yaml"), ("fitted", "fitted.yaml")):
 
 # %% [markdown]
 # From a terminal, with the taps in a CSV or a universal file (`.uff`, which analysers write):
-# `pinflex fit arm.yaml hammer.uff --vary joints.motor.drive.stiffness`. The fit says so in words if a measurement
-# cannot determine a number: two that only act together, or one at its bound.
+# `pinflex fit arm.yaml hammer.uff --vary joints.motor.drive.stiffness`. The fit says so in words if
+# a measurement cannot determine a number: two that only act together, or one at its bound.

@@ -64,9 +64,9 @@ axes[1].set(xlabel="t [s]", ylabel="strain [um/m]");
 # %% [markdown]
 # ## Go back to an earlier state
 #
-# From a snapshot the simulator repeats its steps to the last bit. If it cannot take a step (NaN as input,
-# a motor at its stop, an input that jumps too far), it raises an error of one sentence and keeps its
-# state.
+# From a snapshot the simulator repeats its steps to the last bit. If it cannot take a step (NaN as
+# input, a motor at its stop, an input that jumps too far), it raises an error of one sentence and
+# keeps its state.
 
 # %%
 kept = arm.snapshot()
@@ -82,11 +82,12 @@ except pf.DescriptionError as error:
 # %% [markdown]
 # ## What a step costs
 #
-# A step takes at most 12 Newton iterations and one new tangent (`iterations`, `tangents`;
-# `every` renews it on a schedule). The simulator prepares new tangents ahead of need: it evaluates one after a step and
-# factors it after the next. `pinflex bench ur5 --worst` takes a million steps and prints their median,
-# high quantiles and maximum, beside those of one repeated piece of arithmetic; outliers that both show come from the
-# machine. Here are a few steps, on the machine that built this page.
+# A step takes at most 12 Newton iterations and one new tangent (`iterations`, `tangents`; `every`
+# renews it on a schedule). The simulator prepares new tangents ahead of need: it evaluates one
+# after a step and factors it after the next. `pinflex bench ur5 --worst` takes a million steps and
+# prints their median, high quantiles and maximum, beside those of one repeated piece of arithmetic;
+# outliers that both show come from the machine. Here are a few steps, on the machine that built
+# this page.
 
 # %%
 from pinflex.live.cost import step_cost
@@ -100,14 +101,16 @@ print(f"median {1e6 * cost.percentiles[50.0]:.0f} us, 99.9 % within "
 #
 # The same steps as an FMU (FMI 2.0, or 3.0 with `--fmi 3`; co-simulation) for Simulink, Modelica
 # tools or FMPy, or as C sources: from the shell `pinflex export ur5 --fmu ur5.fmu`, `pinflex export
-# ur5 --c ur5_c`. Variables have the names and units of a run's table; `stress LINK` is the largest normal
-# stress from the strains of a beam. You can set two parameters: `damping` multiplies the damping of
-# joints and links, `payload` is the mass in kg that the platform carries.
-# `fmi2GetDirectionalDerivative` returns derivatives of outputs with respect to inputs over one step.
+# ur5 --c ur5_c`. Variables have the names and units of a run's table; `stress LINK` is the largest
+# normal stress from the strains of a beam. You can set two parameters: `damping` multiplies the
+# damping of joints and links, `payload` is the mass in kg that the platform carries.
+# `fmi2GetDirectionalDerivative` returns derivatives of outputs with respect to inputs over one
+# step.
 #
 # `examples/controller_in_c.py` couples such an FMU with a controller in C, a second FMU;
 # `examples/lqg_in_the_loop.py` uses a Kalman filter behind an encoder and a delay;
-# `examples/learn_to_reach.py` is a gymnasium environment and trains on it for a few hundred episodes.
+# `examples/learn_to_reach.py` is a gymnasium environment and trains on it for a few hundred
+# episodes.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Play, stops and clearance
 #
-# Real gears have backlash, pins have clearance, joints reach their stops, and cables can only pull. Each of these
-# is one key of the YAML. Level coupled ends a step wherever a contact begins or ends, so contacts cost no
-# accuracy; `run.events` lists them.
+# Real gears have backlash, pins have clearance, joints reach their stops, and cables can only pull.
+# Each of these is one key of the YAML. Level coupled ends a step wherever a contact begins or ends,
+# so contacts cost no accuracy; `run.events` lists them.
 #
 # ## Backlash
 #
@@ -41,13 +41,13 @@ axes.set(xlabel="t [s]", ylabel="gear [deg]")
 axes.legend(frameon=False);
 
 # %% [markdown]
-# Its weight holds the link against one flank. It crosses the play (grey) when the motion reverses the
-# torque.
+# Its weight holds the link against one flank. It crosses the play (grey) when the motion reverses
+# the torque.
 #
 # ## Stops
 #
-# `stiffness` and `damping` define an elastic bumper. `restitution` defines a rigid stop, which returns a part of
-# the speed instantly; the event records the impulse and the energy loss.
+# `stiffness` and `damping` define an elastic bumper. `restitution` defines a rigid stop, which
+# returns a part of the speed instantly; the event records the impulse and the energy loss.
 
 # %%
 Path("falling.yaml").write_text("""urdf: arm.urdf
@@ -71,14 +71,15 @@ axes.set(xlabel="t [s]", ylabel="elbow [rad]")
 axes.legend(frameon=False);
 
 # %% [markdown]
-# A ball that bounces faster and faster comes to rest and stays on its stop until something lifts it.
+# A ball that bounces faster and faster comes to rest and stays on its stop until something lifts
+# it.
 #
 # ## Pins with clearance
 #
-# The three pins of the planar 3-RRR, 5 mm in diameter, get 50 um of clearance and start at the centre of
-# their holes. `pin_1` is a joint of the tree: pinflex cuts it and closes it again as a loop. The impacts
-# excite the links. (Without `start` the pins begin where the motion presses them against their holes, and there
-# are fewer impacts.)
+# The three pins of the planar 3-RRR, 5 mm in diameter, get 50 um of clearance and start at the
+# centre of their holes. `pin_1` is a joint of the tree: pinflex cuts it and closes it again as a
+# loop. The impacts excite the links. (Without `start` the pins begin where the motion presses them
+# against their holes, and there are fewer impacts.)
 
 # %%
 pins = ["joints.pin_1={clearance: 50 um, pin: 5 mm}"]
@@ -92,10 +93,10 @@ print(*run.meta["warnings"], sep="\n")
 run.plot("loop/pin_2/orbit");
 
 # %% [markdown]
-# Read the last warning: impacts amplify small differences, so after some of them two runs
-# diverge with any step, even if their initial speeds differ by only 1e-9. Then use peaks, means and spectra with
-# their spread over three runs (pinflex makes the other two on request), or the history up to the time that
-# the warning names.
+# Read the last warning: impacts amplify small differences, so after some of them two runs diverge
+# with any step, even if their initial speeds differ by only 1e-9. Then use peaks, means and spectra
+# with their spread over three runs (pinflex makes the other two on request), or the history up to
+# the time that the warning names.
 
 # %%
 motor = run.statistics["motor_1"]
@@ -109,8 +110,8 @@ ax.set(xscale="log", yscale="log", xlabel="octave from [Hz]", ylabel="torque, rm
 # ## To the ideal joint
 #
 # With less clearance, less play or a stiffer stop, the difference from the ideal joint falls, to
-# first order except for the vibration after impacts. For a stop it falls with the duration of contact, the
-# square root of its compliance.
+# first order except for the vibration after impacts. For a stop it falls with the duration of
+# contact, the square root of its compliance.
 
 # %%
 def angle(scene, change):
@@ -145,8 +146,8 @@ for name, apart in rows:
 # ## Cables and nonlinear springs
 #
 # `springs: {cable: {between: [A, B], stiffness: 1e5, length: 0.4, tension_only: true}}` pulls and
-# never pushes. `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness defines a spring by
-# points (elongation, pull); `joints: {NAME: {table: ...}}` does the same for a joint.
+# never pushes. `table: [[0, 0], [0.01, 20], [0.02, 90]]` in place of the stiffness defines a spring
+# by points (elongation, pull); `joints: {NAME: {table: ...}}` does the same for a joint.
 #
 # ## How loose is the platform?
 #
@@ -174,9 +175,9 @@ pf.play_map("3rrr", grid, clearance="50 um").plot();
 # ## Where does it rest?
 #
 # A load takes up the play. Level quasistatic, and the equilibria behind modes and `start: static`,
-# solve for the resting place. Under 30 N in their plane the two loose pins let the platform drop by its play along
-# the load, in addition to the sag of the links. Pins without load stay centred, and the run
-# says so; `pinflex check` names them.
+# solve for the resting place. Under 30 N in their plane the two loose pins let the platform drop by
+# its play along the load, in addition to the sag of the links. Pins without load stay centred, and
+# the run says so; `pinflex check` names them.
 
 # %%
 hold, weight = pf.hold(duration=0.1), ["forces.weight={at: platform, force: [0, -30, 0]}"]

@@ -69,7 +69,7 @@ def solve(
         until: End time [s]; default: the YAML's, or the motion's duration.
         dt: Step [s] for ked and coupled; default: from the first frequencies and the motion.
         tol: Relative error of time integration instead of a step, such as 1e-3.
-        samples: Instants to keep, nt; default 401.
+        samples: Number of instants to report, nt; default 401.
         asked: Outputs that `tol` is about: torque, deflection, platform; default: the YAML's.
         start: straight (undeformed), static (in equilibrium) or auto; at level coupled also a run,
             or (run, t), from whose state at t [s] it goes on, or (y, v): coordinates and

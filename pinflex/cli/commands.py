@@ -29,28 +29,28 @@ from pinflex.cli.options import (
 )
 
 SUMMARIES = {  # in the order of the help
-    "check": "what was understood of a model, before anything is solved",
+    "check": "how pinflex reads a model: freedoms, loops, masses, sag, warnings",
     "modes": "natural frequencies and mode shapes at a pose",
-    "advise": "what a scene needs: level, links, planes, modes, tolerance",
+    "advise": "the level, links, planes, modes and tolerance that a scene needs",
     "command": "the motor motion with which the platform follows its path",
     "move": "the shortest motion that keeps limits and leaves the platform still",
-    "shapers": "input shapers for the motion: time they cost, ringing they leave",
+    "shapers": "input shapers for the motion: the time they cost, the ringing they leave",
     "frf": "frequency response from a motor or force to motors and platform",
     "solve": "one run at one level",
-    "compare": "rigid against flexible: what shakes, torques, stress, the level that suffices",
+    "compare": "rigid against flexible: shaking, torques, stress, the level that suffices",
     "sweep": "many cases of a scene in one table",
     "map": "natural frequencies and platform stiffness over poses",
-    "sensitivity": "what to change: per cent of an output for one per cent of a parameter",
-    "design": "the numbers that make an output least while others keep their limits",
+    "sensitivity": "the effect of one per cent more of a parameter on outputs, in per cent",
+    "design": "the numbers that minimise an output while others keep their limits",
     "fit": "the numbers that explain measured frequencies, responses or histories",
     "bench": "time against error on a scene",
     "export": "the robot as an FMU, or as C sources",
     "view": "an animation of a saved run",
     "verify": "published benchmarks on this machine",
-    "import": "write a YAML for a robot of another format",
-    "new": "begin a YAML for a URDF",
+    "import": "write a YAML for a robot in another format",
+    "new": "write a YAML to start from, for a URDF",
     "schema": "the JSON Schema of a YAML file, for editors",
-    "completion": "what makes a shell complete commands, options and models",
+    "completion": "a script with which a shell completes commands, options and models",
 }
 SHELLS = ("bash", "zsh")
 _file = partial(option, metavar="FILE")
@@ -58,9 +58,9 @@ _file = partial(option, metavar="FILE")
 CHECK = Command(
     ("look", "run_check"),
     """
-Mobility, loops with their rank and redundant rows, sigma_min, beam against URDF masses, the planes
-in which links bend and why, static sag of the platform, holding torques, first natural frequencies,
-and warnings.""",
+Prints the mobility, loops with their rank and redundant rows, sigma_min, masses of beams and of the
+URDF, the planes in which links bend and why, the static sag of the platform, holding torques, the
+first natural frequencies, and warnings.""",
     "pinflex check 3rrs\n  pinflex check arm/arm.yaml --set gravity.2=-1.62",
     (
         "count",
@@ -71,8 +71,7 @@ and warnings.""",
 MODES = Command(
     ("vibration", "run_modes"),
     """
-Linearises about the static equilibrium under gravity with the motors locked, unless told
-otherwise.""",
+By default linearises about the static equilibrium under gravity, with the motors locked.""",
     "pinflex modes 3rrs --preload none\n"
     "  pinflex modes 3rrr --pose motor_1=1.7,motor_2=3.5 --view modes.html",
     (
@@ -116,8 +115,8 @@ COMMAND = Command(
     """
 Finds the motor motion that makes the platform, not the motors, follow the motion of the YAML
 although links and joints deform, and writes it for a controller. Level exact inverts the whole
-motion at once; quasistatic is cheaper and enough where the motion is slow beside the vibrations.
-With --verify a forward run of level coupled tells what is left, beside the rigid command.""",
+motion at once; quasistatic is cheaper and suffices where vibrations are fast against the motion.
+--verify runs level coupled with this command and with the rigid one, and reports both errors.""",
     "pinflex command delta -o command.csv --verify",
     (
         _file(
@@ -126,7 +125,7 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
         ),
         option(
             "--rate", type=positive, metavar="HZ",
-            help="of the rows of -o, such as 1000 (default: the instants that were found)",
+            help="rate of the rows of -o, such as 1000 (default: the instants of the solution)",
         ),
         parameter(
             "level", choices=("rigid", "quasistatic", "exact"),
@@ -144,7 +143,7 @@ With --verify a forward run of level coupled tells what is left, beside the rigi
         _file("--plot", help="with --verify: a figure of both (.png, .pdf, .svg)"),
         flag(
             "--off",
-            "runs with payload, stiffness and friction 5 %% off: platform error, residual swing",
+            "platform error and residual swing with payload, stiffness and friction 5 %% off",
         ),
         option("--view", metavar="FILE.html", help="with --verify: a page that plays both"),
     ),
@@ -154,13 +153,14 @@ MOVE = Command(
     ("motions", "run_move"),
     """
 Finds the shortest motion, from rest to rest, that keeps speed, acceleration, jerk, torque, stress
-and path limits (of the URDF, or as said here) and from whose end on the platform stays within a
-distance of where it comes to rest: linear programmes about coupled runs of the flexible robot,
-until the runs themselves keep all. --like takes the limits of a quintic of that duration (six
-times its jerk); --robust asks that the same motion leaves a heavier and a lighter robot as still;
---baselines puts the usual profiles and shapers beside it; --off tells what payload, stiffness and
-friction 5 % off do. With --robot, MODEL is a trajectory instead (CSV, or a JointTrajectory as YAML
-or JSON): the same path as fast as limits of the rigid robot allow, shaped if --shaper says so.""",
+and path limits (of the URDF, or of the options) and leaves the platform within a distance of its
+resting place from the end on. Linear programmes about coupled runs of the flexible robot propose
+motions until the runs themselves keep all limits. --like takes the limits of a quintic of that
+duration (six times its jerk); with --robust the same motion must leave a heavier and a lighter
+robot just as still; --baselines adds the usual profiles and shapers for comparison; --off shows
+the effect of payload, stiffness and friction 5 % off. With --robot, MODEL is a trajectory instead
+(CSV, or a JointTrajectory as YAML or JSON): the command runs the same path as fast as the limits of
+the rigid robot allow, with --shaper shaped.""",
     "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     (
         repeated("--to", "NAME=VALUE", "displacement of a motor or platform coordinate, SI"),
@@ -168,7 +168,7 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
         option("--shaper", choices=("zv", "zvd", "ei"), help="shape what --robot retimes"),
         parameter(
             "settle", type=small_length, metavar="X",
-            help="distance from rest that is still, such as 50um",
+            help="distance from rest that counts as still, such as 50um",
         ),
         *(
             option(f"--{name}", type=type_, metavar="X", help=text)
@@ -181,10 +181,10 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
                 ("path", "how far the platform may be off its path, such as 1mm", small_length),
             )
         ),
-        option("--like", type=positive, metavar="S", help="limits of a quintic of so many seconds"),
+        option("--like", type=positive, metavar="S", help="take the limits of a quintic this long"),
         repeated("--robust", "NAME=SHARE", "payload=20%%, stiffness=10%% or friction=20%%"),
-        flag("--baselines", "the usual motions beside it"),
-        flag("--off", "a table of what robots 5 %% off do"),
+        flag("--baselines", "add the usual motions for comparison"),
+        flag("--off", "add a table of robots whose numbers are 5 %% off"),
         _file("--plot", help="a figure (.png, .pdf, .svg)"),
         _file("--page", help="a page (.html) on which it races the usual motions"),
         _file(
@@ -198,9 +198,9 @@ or JSON): the same path as fast as limits of the rigid robot allow, shaped if --
 SHAPERS = Command(
     ("vibration", "run_shapers"),
     """
-Finds the modes (motors locked) into which the motion of the YAML puts energy, and tells for
-ZV, ZVD and EI shapers of their frequencies how much longer the motion gets, and which share of the
-vibration is left where frequencies are up to 20 % off. `shaper: zvd` in the motion applies one.""",
+Finds the modes (motors locked) that the motion of the YAML excites. For ZV, ZVD and EI shapers at
+their frequencies it shows how much longer the motion takes, and what share of the vibration remains
+if the frequencies are up to 20 % off. `shaper: zvd` in the motion applies one.""",
     "pinflex shapers delta\n  pinflex solve delta --set motion.shaper=zvd",
     (
         option(
@@ -212,10 +212,10 @@ vibration is left where frequencies are up to 20 % off. `shaper: zvd` in the mot
 FRF = Command(
     ("vibration", "run_frf"),
     """
-Linearises about the static equilibrium. The zeros tell what feedback can do: a collocated pair
+Linearises about the static equilibrium. The zeros show what feedback can do: a collocated pair
 has its zeros left of the axis or on it (minimum phase) and can be damped; a zero right of it
-limits the bandwidth. A measured response (CSV: frequency, OUTPUT.magnitude, OUTPUT.phase [deg];
-or a record: t, INPUT, OUTPUT) is drawn beside it, with its coherence and how well they agree.""",
+limits the bandwidth. --measured draws a measured response (CSV: frequency, OUTPUT.magnitude,
+OUTPUT.phase [deg]; or a record: t, INPUT, OUTPUT) beside it, with coherence and agreement.""",
     "pinflex frf delta -o frf.png\n"
     "  pinflex frf ur5 --input tool0.z --outputs tool0.z.acceleration --motors acceleration",
     (
@@ -246,8 +246,8 @@ or a record: t, INPUT, OUTPUT) is drawn beside it, with its coherence and how we
 SOLVE = Command(
     ("runs", "run_solve"),
     """
-Levels, from cheap to faithful: rigid, quasistatic, ked (linear vibration), coupled (everything). A
-run that stops early is saved up to its last good step.""",
+The levels, from cheapest to most faithful, are rigid, quasistatic, ked (linear vibration) and
+coupled (everything). A run that stops early is saved up to its last good step.""",
     "pinflex solve 3rrr --level coupled --dt 1e-4 -o run.npz\n"
     "  pinflex solve arm.yaml --set flexible.*.section.thickness=1e-3 --csv run.csv",
     (
@@ -257,7 +257,7 @@ run that stops early is saved up to its last good step.""",
         (
             parameter("samples", type=samples, metavar="N"),
             option(
-                "--rate", type=positive, metavar="HZ", help="the same by their rate, such as 1000"
+                "--rate", type=positive, metavar="HZ", help="instants per second, not --samples"
             ),
         ),
         parameter(
@@ -275,9 +275,9 @@ run that stops early is saved up to its last good step.""",
 COMPARE = Command(
     ("runs", "run_compare"),
     """
-Solves the scene rigid and flexible and says what shakes by how much, how far the torques are off,
-what the links bear and which level suffices; writes tables, figures, the runs and an animation. A
-level that cannot be solved does not stop the others.""",
+Solves the scene rigid and flexible. Prints how far and how long the platform shakes, how far rigid
+torques are off, the stresses, and the simplest level that suffices; writes tables, figures, the
+runs and an animation. If one level cannot be solved, the others still are.""",
     "pinflex compare delta\n  pinflex compare arm.yaml -o out --levels ked,coupled --band 1e-5",
     (
         parameter(
@@ -299,9 +299,9 @@ SWEEP = Command(
     ("cases", "run_sweep"),
     """
 Solves the scene for every combination of the values given. Values are a:b:n (n from a to b),
-a:b:n:log (by equal factors) or v,w,... A case that fails gets a row that says why. Each case is
-kept as it ends, in FILE.journal: stopped or killed, the same command goes on from there; when all
-have an answer the journal goes.""",
+a:b:n:log (by equal factors) or v,w,... A case that fails gets a row with the reason. FILE.journal
+records each case as it ends: if the command is stopped or killed, the same command continues from
+there. Once all cases are solved it deletes the journal.""",
     "pinflex sweep ur5 --set flexible.*.section.wall=2e-3:5e-3:7 \\\n"
     "      --set motion.duration=0.4,0.6 --level quasistatic --out sweep.csv",
     (
@@ -435,7 +435,7 @@ BENCH = Command(
 Solves the scene by every level, by more and fewer internal modes, by several integrators and steps,
 and compares time and error with a converged solution that it refines until two runs agree.
 With --worst it takes single steps of the robot in the loop (pf.Simulator) along its motion and
-back, and tells what they cost: median, rare ones and the largest, in thread CPU time.""",
+back, and prints their cost: median, high quantiles and maximum, in thread CPU time.""",
     "pinflex bench 3rrs -o out\n  pinflex bench ur5 --worst --dt 2.5e-4",
     (
         option("model", nargs="?", metavar="MODEL", help="YAML file, its folder, or a name"),
@@ -553,8 +553,8 @@ IMPORT = Command(
     """
 SOURCE is a URDF, an MJCF (MuJoCo), an SDF, a xacro, the robot.yaml of Gepetto's parallel robots,
 or example-robot-data:NAME. The YAML lists the joints, motors, loops and the closed home pose,
-names what is not taken over of the file, and proposes flexible links with guessed sections. It
-loads as it is.""",
+names what it does not take over from the file, and proposes loops and flexible links with guessed
+sections in comments. It loads as it is.""",
     "pinflex import cassie.xml -o cassie.yaml\n  pinflex import robot.urdf --flexible shin",
     (
         option("source", metavar="SOURCE", help="the robot's file"),

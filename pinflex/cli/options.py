@@ -307,7 +307,7 @@ SCENE: Options = (
     repeated("--set", "KEY=VALUE", "change the YAML, such as solve.dt=1e-4; may be repeated"),
     PAYLOAD,
     option("--limit", type=positive, metavar="X",
-           help="take X times the memory and steps that are taken without asking"),
+           help="allow X times the usual limits of memory and steps"),
 )  # fmt: skip
 
 
