@@ -186,6 +186,9 @@ def _together(before: Changes, more: Changes) -> Changes:
     }
 
 
+_BEYOND = "modes beyond"
+
+
 def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:
     """Words, changes of links, and for modes the how manyth this is: likeliest first."""
     links_of = beams(rich)
@@ -201,7 +204,7 @@ def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Chang
         fewer: Changes = {
             link: {key: count} for link, (key, n), least in sizes if n > count >= least
         }
-        yield f"modes beyond {count} of each link and plane", fewer, place
+        yield f"{_BEYOND} {count} of each link and plane", fewer, place
     alike: dict[str, list[str]] = {}
     for part in rich.parts.values():
         stem = "".join(c for c in part.link if not c.isdigit())
@@ -397,6 +400,8 @@ def _sentence(a: Advice) -> str:
     out = [x.what for x in a.left_out if x.out]
     if not a.left_out:
         return ""
+    fewest = [what for what in out if what.startswith(_BEYOND)][-1:]  # it says the others too
+    out = [what for what in out if not what.startswith(_BEYOND) or what in fewest]
     return f"Left out: {', '.join(out) or 'nothing'}. -v says what each costs."
 
 

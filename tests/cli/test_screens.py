@@ -68,11 +68,19 @@ def test_advice_has_rows_only_for_what_was_measured():
     found = Advice(
         "arm", 1e-2, ("torque", "platform"), error=some,
         levels={"rigid": none, "ked": none, "coupled": some},
-        left_out=(LeftOut("stretch (axial)", {"torque": 3e-5, "platform": 4e-5}, True),),
+        left_out=tuple(
+            LeftOut(what, {"torque": 3e-5, "platform": 4e-5}, True) for what in (
+                "stretch (axial)", "modes beyond 1 of each link and plane",
+                "modes beyond 0 of each link and plane",
+            )
+        ),
     )  # fmt: skip
     text = advice_text.report(found, whole=False).text()
     assert clean(text) and "Not measured: rigid, ked." in text
-    assert "Left out: stretch (axial). -v says what each costs." in text
+    least = (
+        "Left out: stretch (axial), modes beyond 0 of each link and plane. -v says what each costs."
+    )
+    assert least in " ".join(text.split())  # the fewest modes say what more of them would
     assert "3.0e-05" not in text and "3.0e-05" in str(found)
     assert f"Suffices: {criterion(1e-2)}." in text and text.startswith("arm: reached.")
 
