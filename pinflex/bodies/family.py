@@ -358,10 +358,7 @@ def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> F
     return Family(m, family.length, family.breaks, family.gauss, labels, function, family.shear)
 
 
-@lru_cache(maxsize=64)
-def _gauss(points: int) -> tuple[Array, Array]:
-    s, w = legendre.leggauss(points)
-    return s, w
+_gauss = lru_cache(maxsize=64)(legendre.leggauss)
 
 
 def quadrature(breaks: Array, points: int) -> tuple[Array, Array]:
