@@ -151,12 +151,6 @@ def mode_functions(boundary: str, n: int, length: float, rigid: bool = False) ->
     return Modes(length, wavenumber, table, held)
 
 
-def sine_modes(n: int, length: float) -> Modes:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
-    wavenumber = np.asarray((np.arange(1, n + 1) - 0.5) * np.pi / length, dtype=np.float64)
-    return Modes(length, wavenumber, np.tile([0.0, np.sqrt(2.0), 0.0, 0.0], (n, 1)))
-
-
 def _row(bl: Array, derivative: int, xi: float) -> Array:
     """Derivative of the four split functions at x = xi L, divided by b^d: shape (n, 4)."""
     angle = bl * xi + derivative * (np.pi / 2.0)
@@ -347,7 +341,9 @@ def assumed(length: float, boundary: str, modes: int) -> Family:
 
 def sines(length: float, modes: int) -> Family:
     """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
-    return _modal(sine_modes(modes, length), bending=False)
+    wavenumber = np.asarray((np.arange(1, modes + 1) - 0.5) * np.pi / length, dtype=np.float64)
+    rows = np.tile([0.0, np.sqrt(2.0), 0.0, 0.0], (modes, 1))
+    return _modal(Modes(length, wavenumber, rows), bending=False)
 
 
 def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> Family:
