@@ -58,14 +58,7 @@ class Modes:
     rigid: int = 0
 
     def evaluate(self, x: Array, derivative: int = 0) -> Array:
-        """Derivative of the modes along the beam.
-
-        Args:
-            x: Positions (m), shape (nx,).
-            derivative: Order d of the derivative.
-        Returns:
-            d-th derivative of each mode (m^-d), shape (nx, n).
-        """
+        """Order d = `derivative` of each mode (m^-d) at x (nx,) in m, shape (nx, n)."""
         x = np.asarray(x, dtype=np.float64)
         b = self.wavenumber
         A, B, C, D = self.coefficients.T
