@@ -295,7 +295,7 @@ altered("pinflex.levels.modes", "min(2, len(alive) - 1)", "0")
     "damping of each segment by itself": (
         """
 damped = "K, np.kron(np.eye(count), first.M))"
-altered("pinflex.mechanics.model.relevance", "K, _mass(part))", damped)
+altered("pinflex.mechanics.model.parts", "K, _mass(part))", damped)
 """,
         ["tests/unit/mechanics/test_given_damping.py"],
     ),

@@ -58,14 +58,7 @@ class Modes:
     rigid: int = 0
 
     def evaluate(self, x: Array, derivative: int = 0) -> Array:
-        """Derivative of the modes along the beam.
-
-        Args:
-            x: Positions (m), shape (nx,).
-            derivative: Order d of the derivative.
-        Returns:
-            d-th derivative of each mode (m^-d), shape (nx, n).
-        """
+        """Order d = `derivative` of each mode (m^-d) at x (nx,) in m, shape (nx, n)."""
         x = np.asarray(x, dtype=np.float64)
         b = self.wavenumber
         A, B, C, D = self.coefficients.T
@@ -149,12 +142,6 @@ def mode_functions(boundary: str, n: int, length: float, rigid: bool = False) ->
     wavenumber = np.concatenate([np.zeros(held), bl / length])
     table: Array = np.vstack([np.zeros((held, 4)), coefficients])
     return Modes(length, wavenumber, table, held)
-
-
-def sine_modes(n: int, length: float) -> Modes:
-    """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
-    wavenumber = np.asarray((np.arange(1, n + 1) - 0.5) * np.pi / length, dtype=np.float64)
-    return Modes(length, wavenumber, np.tile([0.0, np.sqrt(2.0), 0.0, 0.0], (n, 1)))
 
 
 def _row(bl: Array, derivative: int, xi: float) -> Array:
@@ -347,7 +334,9 @@ def assumed(length: float, boundary: str, modes: int) -> Family:
 
 def sines(length: float, modes: int) -> Family:
     """Axial or torsional modes sqrt(2) sin((2k - 1) pi x / 2L) of a bar held at its root."""
-    return _modal(sine_modes(modes, length), bending=False)
+    wavenumber = np.asarray((np.arange(1, modes + 1) - 0.5) * np.pi / length, dtype=np.float64)
+    rows = np.tile([0.0, np.sqrt(2.0), 0.0, 0.0], (modes, 1))
+    return _modal(Modes(length, wavenumber, rows), bending=False)
 
 
 def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> Family:
@@ -358,10 +347,7 @@ def combine(family: Family, T: Array, names: tuple[str, ...] | None = None) -> F
     return Family(m, family.length, family.breaks, family.gauss, labels, function, family.shear)
 
 
-@lru_cache(maxsize=64)
-def _gauss(points: int) -> tuple[Array, Array]:
-    s, w = legendre.leggauss(points)
-    return s, w
+_gauss = lru_cache(maxsize=64)(legendre.leggauss)
 
 
 def quadrature(breaks: Array, points: int) -> tuple[Array, Array]:

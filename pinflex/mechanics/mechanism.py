@@ -31,9 +31,9 @@ from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.model.expansion import expand, of_model
 from pinflex.mechanics.model.loads import Attachment, Expansion
-from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve
+from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve, with_damping
 from pinflex.mechanics.model.planes import LeftOut, Plane, Spans, any_undecided, plane_of
-from pinflex.mechanics.model.relevance import left_out, with_damping
+from pinflex.mechanics.model.relevance import left_out
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import (
     Joint,

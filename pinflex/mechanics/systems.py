@@ -31,8 +31,7 @@ from pinflex.mechanics.model.loads import (
     loads,
     require_apart,
 )
-from pinflex.mechanics.model.parts import FlexiblePart
-from pinflex.mechanics.model.relevance import link_damping, rows_of
+from pinflex.mechanics.model.parts import FlexiblePart, link_damping, rows_of
 from pinflex.mechanics.model.slider import Sleeve, sleeve
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import joint_springs

@@ -148,8 +148,16 @@ class PlainRadau:
     ) -> Step:  # fmt: skip
         """The step of stages that Newton has solved."""
         y, v, move, turn = self.place(start, h, path, a, turn)
-        torque = self._torque(y, v, a, lam, path, seen)
-        return Step(start, h, move, turn, a, lam, torque, self._power(y, v, torque))
+        p = self.problem
+        if p.prescribed:
+            torque = self.residual(y, v, a, lam, path, seen)[0][:, p.motors]
+        else:
+            torque = p.pull(path, y, v, inside=True)
+        work = np.sum(torque * v[:, p.motors], axis=1)
+        if p.control_force is not None:
+            work = work + v @ p.control_force
+        power = np.column_stack([work, self._d.losses(y, v)])
+        return Step(start, h, move, turn, a, lam, torque, power)
 
     def end(self, step: Step) -> State:
         """The state after a step."""
@@ -232,20 +240,6 @@ class PlainRadau:
         x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
         da[:, free] = x[: self.method.s * len(free)].reshape(-1, len(free))
         return da, x[self.method.s * len(free) :].reshape(c.shape)
-
-    def _torque(
-        self, y: Array, v: Array, a: Array, lam: Array, path: MotorPath, seen: Array
-    ) -> Array:
-        if not self.problem.prescribed:
-            return self.problem.pull(path, y, v, inside=True)
-        return self.residual(y, v, a, lam, path, seen)[0][:, self.problem.motors]
-
-    def _power(self, y: Array, v: Array, torque: Array) -> Array:
-        """Of the motors and of what a controller holds, and of the damping, W, shape (s, 2)."""
-        motors = np.sum(torque * v[:, self.problem.motors], axis=1)
-        if (force := self.problem.control_force) is not None:
-            motors = motors + v @ force
-        return np.column_stack([motors, self._d.losses(y, v)])
 
 
 # A diverging iteration overflows before it is caught.

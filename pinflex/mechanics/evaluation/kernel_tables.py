@@ -20,10 +20,10 @@ from pinflex.kernel.library import constant
 from pinflex.mechanics.closure import Closures, Contact, CoupledRows
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.loads import (
+    RUBS,
     AddedMasses,
     Attachment,
     Block,
-    DryFriction,
     ElasticDrive,
     Expansion,
     Interface,
@@ -79,16 +79,15 @@ def _stretches(contact: Contact, closed: Closures) -> list[tuple[int, Array, int
     """Joint, frame, first coordinate, start (m) and track of the pieces of a sleeve's beam."""
     sleeve, loop = contact.sleeve, contact.loop
     if sleeve.segments:
-        return [_segment(one) for one in sleeve.segments]
+        each = ((one, one.root) for one in sleeve.segments)
+        return [
+            (root.joint, root.placement.homogeneous[:3], one.eta.start, one.offset, one.track)
+            for one, root in each
+        ]
     straight = Series(np.array([0.0, sleeve.length]), np.zeros((1, 1, 0)))
     none = np.zeros(0, dtype=np.intp)
     track = sleeve.track or Track(0, sleeve.length, straight, none, none, none, np.zeros((2, 0)))
     return [(int(closed.bodies[loop]), closed.local[loop], sleeve.eta.start, 0.0, track)]
-
-
-def _segment(one: Segment) -> tuple[int, Array, int, float, Track]:
-    root = one.root
-    return root.joint, root.placement.homogeneous[:3], one.eta.start, one.offset, one.track
 
 
 def _tracks(tracks: list[Track]) -> dict[str, Any]:
@@ -160,7 +159,6 @@ KNOWN: dict[type, frozenset[str]] = {
         (FrameForce, "name frame force moment follower start until ramp"),
         (FrameSpring, "name frame_a frame_b stiffness damper length at tension_only table"),
         (Kinks, "rows energy"),
-        (DryFriction, "rows coulomb excess stribeck speed"),
         (AddedMasses, "joints inertia"),
         # Gears that give way are joints and rows of the map like those of links.
         (Expansion, "model q_at v_at blocks frames slots n_eta drives"),
@@ -181,6 +179,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Segment, "offset length track end eta root"),
         (Track, "n length series row i j shear"),
         (Series, "breaks powers"),
+        RUBS,
         *BODIES,
     )
 }  # fmt: skip
@@ -293,7 +292,7 @@ def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
     if len(system.springs.v_at):
         found |= _joint_springs(system)
     if system.friction.present:
-        found |= _friction(system.friction)
+        found |= system.friction.tables()
     if system.kinks.rows or loads.springs:
         found |= system.kinks.tables(len(loads.springs))
     return found
@@ -550,8 +549,3 @@ def _joint_springs(system: System) -> dict[str, Any]:
         "joint_spring_v": s.v_at, "joint_spring_q": s.q_at, "joint_spring_paired": s.paired,
         "joint_spring_law": np.column_stack([s.stiffness, s.rest]),
     }  # fmt: skip
-
-
-def _friction(rub: DryFriction) -> dict[str, Any]:
-    law = np.column_stack([rub.coulomb, rub.excess, rub.stribeck, rub.speed])
-    return {"rub_v": rub.rows, "rub_law": law}

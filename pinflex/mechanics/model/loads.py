@@ -384,6 +384,14 @@ class DryFriction:
         """Power that it takes (...), W, of speeds (..., nv)."""
         return np.asarray(np.sum(self.force(v) * v[..., self.rows], axis=-1))
 
+    def tables(self) -> dict[str, Array | IntArray]:
+        """Tables for the compiled kernel."""
+        law = np.column_stack([self.coulomb, self.excess, self.stribeck, self.speed])
+        return {"rub_v": self.rows, "rub_law": law}
+
+
+RUBS = (DryFriction, "rows coulomb excess stribeck speed")  # what its tables are made of
+
 
 def excess(rubs: Friction) -> float:
     """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""

@@ -75,23 +75,14 @@ class System:
         return self.expansion.n_eta
 
     def integrate(self, y: Array, dy: Array) -> Array:
-        """y moved by dy on the configuration manifold (right-trivialised), shape (nq,).
-
-        Args:
-            y: Coordinates, shape (nq,).
-            dy: Velocity rows times time, shape (nv,).
-        """
+        """y (nq,) moved by dy (nv,) on the configuration manifold (right-trivialised)."""
         q, v = int(self.rigid.nq), int(self.rigid.nv)
         if q == v:
             return y + dy
         return np.concatenate([pin.integrate(self.rigid, y[:q], dy[:v]), y[q:] + dy[v:]])
 
     def difference(self, y0: Array, y1: Array) -> Array:
-        """dy that takes y0 to y1, shape (nv,).
-
-        Args:
-            y0, y1: Coordinates, shape (nq,).
-        """
+        """dy (nv,) that takes y0 to y1, shape (nq,) each."""
         q = int(self.rigid.nq)
         if q == int(self.rigid.nv):
             return y1 - y0
@@ -110,8 +101,7 @@ class System:
     def sticks(self, prescribed: bool) -> bool:
         """Whether dry friction acts where motors do not prescribe the speed, so that it may stick.
 
-        Args:
-            prescribed: Whether motors do; else they push, and may stick too.
+        `prescribed`: whether motors do; else they push, and may stick too.
         """
         if not self.friction.present:
             return False
