@@ -63,7 +63,7 @@ def summary(result: Result) -> str:
     by = str(result.meta.get("evaluated_by", ""))
     rows += [("equations", by)] if by.startswith("numpy") else []  # not by the compiled kernel
     time, how = time_error(result.meta.get("settings", {}), result.level)
-    errors = result.known_errors or ErrorBars(time, {}, how, "not looked at (run.errors does)")
+    errors = result.known_errors or ErrorBars(time, {}, how, "not measured (run.errors measures it)")
     for line in errors.lines():
         what, _, text = line.partition(": ")
         rows.append((what, f"error {text}"))
@@ -86,7 +86,7 @@ def _first_line(result: Result) -> str:
         return name
     return (
         f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
-        f"tol = {tol:g}{'' if advised else ', which is of time integration only'}"
+        f"tol = {tol:g}{'' if advised else ', which bounds time integration only'}"
     )
 
 
