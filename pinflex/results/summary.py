@@ -63,7 +63,9 @@ def summary(result: Result) -> str:
     by = str(result.meta.get("evaluated_by", ""))
     rows += [("equations", by)] if by.startswith("numpy") else []  # not by the compiled kernel
     time, how = time_error(result.meta.get("settings", {}), result.level)
-    errors = result.known_errors or ErrorBars(time, {}, how, "not measured (run.errors measures it)")
+    errors = result.known_errors or ErrorBars(
+        time, {}, how, "not measured (run.errors measures it)"
+    )
     for line in errors.lines():
         what, _, text = line.partition(": ")
         rows.append((what, f"error {text}"))
