@@ -166,14 +166,15 @@ static int spent(const Tables *t, const Alpha *m, double goal) {
   return sqrt(sum) <= fmax(goal, m->noise) && largest(m->open, t->closures) < 1e-13;
 }
 
-static int converged(const Tables *t, Alpha *m, Int iteration, double size) {
+/* An old tangent may only contract slowly: where one can be had, a new one tells whether it is stuck. */
+static int converged(const Tables *t, Alpha *m, Int iteration, double size, Int fresh) {
   int stuck;
   double rest = left(m, iteration, size, &stuck);
   if (iteration >= 2 && rest > fmax(m->tolerance * m->reference, m->noise))
     m->reference = fmax(m->reference, size_of(m, m->next.a, m->joints->free_at));
   double goal = fmax(m->tolerance * m->reference, 0.01 * m->noise);
   if (rest <= goal && (t->closures == 0 || largest(m->open, t->closures) < 1e-9)) return 1;
-  return stuck && spent(t, m, fmax(goal, STUCK * m->reference));
+  return stuck && (fresh || m->allowed) && spent(t, m, fmax(goal, STUCK * m->reference));
 }
 
 /* Whether the next state is one of this motion: far from it the equations have other roots. */
@@ -202,7 +203,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
     m->iterations++;
     if (!isfinite(size)) return 0;
     correct(t, m, to);
-    if (converged(t, m, i, size)) {
+    if (converged(t, m, i, size, fresh)) {
       double level = size_of(m, x->a, m->joints->free_at);
       m->due = m->allowed ? m->rate > SOON || i >= LONG : m->rate > LATE;
       m->stale = m->due && !m->allowed;
