@@ -107,6 +107,7 @@ if TYPE_CHECKING:
     from pinflex.solver.solve import recompute
     from pinflex.studies.checking.check import Check, check
     from pinflex.studies.frequency_response import FrequencyResponse, frequency_response
+    from pinflex.studies.margins import Margins, margins
     from pinflex.studies.play import play, play_map
     from pinflex.studies.pose import platform_compliance
     from pinflex.studies.pose_map import pose_map
@@ -138,6 +139,7 @@ __all__ = [
     "FrequencyResponse",
     "Imu",
     "LinearModel",
+    "Margins",
     "Mechanism",
     "Modes",
     "Motion",
@@ -181,6 +183,7 @@ __all__ = [
     "linearise",
     "live_page",
     "load",
+    "margins",
     "modes",
     "moves",
     "newmark",
@@ -337,6 +340,10 @@ _HOME = {
     "studies.sweep": (
         "batch",
         "sweep",
+    ),
+    "studies.margins": (
+        "Margins",
+        "margins",
     ),
     "studies.play": (
         "play",

@@ -21,7 +21,7 @@ from pinflex.text import paragraph
 # Units that people read: the SI unit behind each, and its number of them.
 _SCALED = {
     "mm": ("m", 1e3), "um": ("m", 1e6), "mrad": ("rad", 1e3), "urad": ("rad", 1e6),
-    "MPa": ("Pa", 1e-6), "us": ("s", 1e6), "%": ("", 100.0),
+    "MPa": ("Pa", 1e-6), "ms": ("s", 1e3), "us": ("s", 1e6), "%": ("", 100.0),
 }  # fmt: skip
 
 _ROWS, _CELL, _TEXT = 12, 120, 6000  # of a table, characters of a cell, of a text

@@ -57,6 +57,13 @@ axes.set(xlabel="t [s]", ylabel="torque [N m]")
 axes.legend(frameon=False);
 
 # %% [markdown]
+# How much gain and delay does it leave before the robot oscillates? `pf.margins` says so, at one
+# pose or several.
+
+# %%
+print(pf.margins(robot, control))
+
+# %% [markdown]
 # Any law u(t, m, dm/dt, integral of m) can replace `track`: see `pf.Control`, and
 # `pf.digital_pid` for one with anti-windup. The example `closed_loop.py` compares a
 # rigid command with an exact one on a robot that resonates at 17 Hz.

@@ -153,37 +153,73 @@ def linearise(
     """
     if motors not in INPUTS:
         raise DescriptionError(f"motors: {motors}.{nearest(motors, INPUTS)}")
-    system = mechanism.flexible.sliding
-    dynamics = Equations(system)
-    found = rest(mechanism, q, dynamics=Equations(mechanism.flexible))
-    still = np.zeros(system.nv)
-    M, C, K, J = dynamics.tangent(found.y, still, still, found.lam, 0.0)
     driven = motors == "acceleration"
-    free = system.free if driven else system.unheld
-    N = np.zeros((system.nv, len(free)))
-    N[free] = np.eye(len(free))
-    N = N @ (null_space(J[:, free]) if len(J) else np.eye(len(free)))
-    W = _followers(system.nv, system.motors, free, J) if driven else np.zeros((system.nv, 0))
-    F, inputs = _inputs(mechanism, dynamics, found.y, driven, forces)
+    about = Balanced.of(mechanism, q)
+    F, inputs = _inputs(mechanism, about.dynamics, about.y, driven, forces)
     wanted = tuple(outputs) or _usual_outputs(mechanism)
-    H, order = _output_rows(mechanism, dynamics, found.y, wanted)
-    P, compliance, frequencies = _kept(N, K, M, modes)
-
-    A, B = _state_matrices(P, W, (M, C, K), F)
-    n, nt = P.shape[1], W.shape[1]
-    still = np.zeros((system.nv, n + nt))
-    by_x = np.hstack([np.hstack([P, W]) - compliance @ K @ W @ np.eye(n + nt)[n:], still])
-    by_u = np.hstack([-compliance @ M @ W, compliance @ F])
-    C_out, D_out = np.zeros((len(H), len(A))), np.zeros((len(H), B.shape[1]))
-    for rate in range(len(RATES)):  # position, velocity, acceleration
-        at = order == rate
-        C_out[at], D_out[at] = H[at] @ by_x, H[at] @ by_u
-        by_x, by_u = by_x @ A, by_x @ B
-    states = [f"mode {k + 1}" for k in range(n)] + [f"{m} position" for m in mechanism.motors][:nt]
+    H, order = _output_rows(mechanism, about.dynamics, about.y, wanted)
+    A, B, C, D, frequencies = about.state_space(driven, F, H, order, modes)
+    nt = len(about.dynamics.system.motors) if driven else 0
+    states = [f"mode {k + 1}" for k in range(len(A) // 2 - nt)]
+    states += [f"{m} position" for m in mechanism.motors][:nt]
     return LinearModel(
-        A, B, C_out, D_out, tuple(states + [f"{s}'" for s in states]), inputs,
-        tuple(f"{text} [{_unit(text)}]" for text in wanted), found.y, frequencies,
+        A, B, C, D, tuple(states + [f"{s}'" for s in states]), inputs,
+        tuple(f"{text} [{_unit(text)}]" for text in wanted), about.y, frequencies,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """A mechanism at its static equilibrium in a pose, and its tangent there."""
+
+    dynamics: Equations
+    y: Array
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, q: Array | None) -> Balanced:
+        """Balanced in a rigid pose, default home."""
+        dynamics = Equations(mechanism.flexible.sliding)
+        found = rest(mechanism, q, dynamics=Equations(mechanism.flexible))
+        still = np.zeros(dynamics.system.nv)
+        tangent = dynamics.tangent(found.y, still, still, found.lam, 0.0)
+        return cls(dynamics, found.y, *tangent)
+
+    def state_space(
+        self, driven: bool, F: Array, H: Array, order: Array, modes: int | None = None
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """A, B, C, D and the frequencies of the modes kept [Hz].
+
+        Args:
+            driven: Whether the motors' accelerations are the first inputs; else motors are free.
+            F: Forces of the (other) inputs, (nv, k). H, order: Outputs by velocity rows, (k, nv),
+                and whether each is a position, a velocity or an acceleration (0, 1, 2).
+            modes: How many to keep beside rigid motion.
+        """
+        system, M, C, K, J = self.dynamics.system, self.M, self.C, self.K, self.J
+        free = system.free if driven else system.unheld
+        N = np.zeros((system.nv, len(free)))
+        N[free] = np.eye(len(free))
+        N = N @ (null_space(J[:, free]) if len(J) else np.eye(len(free)))
+        W = np.zeros((system.nv, 0))
+        if driven:
+            W = _followers(system.nv, system.motors, free, J)
+        P, compliance, frequencies = _kept(N, K, M, modes)
+
+        A, B = _state_matrices(P, W, (M, C, K), F)
+        n, nt = P.shape[1], W.shape[1]
+        still = np.zeros((system.nv, n + nt))
+        by_x = np.hstack([np.hstack([P, W]) - compliance @ K @ W @ np.eye(n + nt)[n:], still])
+        by_u = np.hstack([-compliance @ M @ W, compliance @ F])
+        C_out, D_out = np.zeros((len(H), len(A))), np.zeros((len(H), B.shape[1]))
+        for rate in range(len(RATES)):  # position, velocity, acceleration
+            at = order == rate
+            C_out[at], D_out[at] = H[at] @ by_x, H[at] @ by_u
+            by_x, by_u = by_x @ A, by_x @ B
+        return A, B, C_out, D_out, frequencies
 
 
 def _even(S: Array, n: int) -> tuple[Array, float]:

@@ -87,7 +87,19 @@ def _others(robot: pf.Mechanism, run: pf.Result) -> list[Any]:
         "a", "joints", {"b": 1.0}, 0.1, 0.1, 1e-5, 1e-6, 1e-9, {}, {}, 0.09, limits, MOVE,
         {"nominal": run}, {"nominal": robot}, None, "tool", np.ones(3),
     )  # fmt: skip
-    return [fastest, control, fit, scatter, study, sensor, *drives, *sensors, pf.Simulator(robot)]
+    margins = pf.Margins("a", ())
+    return [
+        fastest,
+        control,
+        fit,
+        margins,
+        scatter,
+        study,
+        sensor,
+        *drives,
+        *sensors,
+        pf.Simulator(robot),
+    ]
 
 
 def test_every_public_class_is_among_them(objects: list[Any]) -> None:
