@@ -87,7 +87,7 @@ def _first_line(result: Result) -> str:
     if worst is None or tol is None or worst[1] <= tol:
         return name
     return (
-        f"{name}: THE MODEL is off by up to {percent(worst[1])} ({worst[0]}), more than "
+        f"{name}: the model is off by up to {percent(worst[1])} ({worst[0]}), more than "
         f"tol = {tol:g}{'' if advised else ', which bounds time integration only'}"
     )
 

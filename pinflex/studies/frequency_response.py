@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _POINTS = 2000
 _MODES = 6  # up to which the default range goes
+_SAME = 1e-7  # relative: a zero and a pole that cancel
 _BEYOND = 10.0  # times the fastest pole: a zero beyond is at infinity
 _SEGMENTS = 8  # of a record, half overlapped
 _RIGHT = 1e-6  # share of its size by which a zero lies right of the axis
@@ -126,9 +127,13 @@ def frequency_response(
     """
     source = source or (mechanism.motors[0] if mechanism.motors else "")
     own = source in mechanism.motors
+    if not source:
+        raise DescriptionError(
+            f"{mechanism.name}: input: there is no motor to take.{_another(mechanism, q)}"
+        )
     if not own and "." not in source:
         hint = nearest(source, mechanism.motors)
-        raise DescriptionError(f"input: {source or 'none'}: no motor and no FRAME.AXIS.{hint}")
+        raise DescriptionError(f"input: {source}: no motor and no FRAME.AXIS.{hint}")
     given = {"motors": motors, "forces": () if own else (source,)}
     wanted = tuple(outputs) or _usual(mechanism, source, q, given)
     model = linearise(mechanism, q, outputs=wanted, **given)  # type: ignore[arg-type]
@@ -136,12 +141,18 @@ def frequency_response(
     pairs = [_pair(model, column, k) for k in range(len(wanted))]
     alive = model.frequencies[model.frequencies > 0.0]
     f = _range(mechanism, q, alive, span)
+    response = model.response(f)[:, :, column]
+    if not np.any(response):
+        raise DescriptionError(
+            f"{mechanism.name}: input: {source} moves nothing of {', '.join(wanted)}."
+            f"{'' if own else _another(mechanism, q)}"
+        )
     made = FrequencyResponse(
         name=mechanism.name,
         input=model.inputs[column],
         outputs=model.outputs,
         frequencies=f,
-        response=model.response(f)[:, :, column],
+        response=response,
         zeros=tuple(_finite(one) for one in pairs),
         collocated=tuple(_bare(name) == source for name in wanted),
         natural=alive,
@@ -242,6 +253,20 @@ def _usual(
     return source, axes[int(np.argmax(size))]
 
 
+def _another(mechanism: Mechanism, q: Array | None) -> str:
+    """A force that moves the platform, as advice; "" where there is none to name."""
+    frames = (mechanism.description.platform, *mechanism.description.frames)
+    frame = next(filter(None, frames), None)
+    if frame is None:
+        return " Give a force at a frame, FRAME.AXIS."
+    axes = [f"{frame}.{axis}" for axis in "xyz"]
+    model = linearise(mechanism, q, forces=axes, outputs=axes)
+    alive = model.frequencies[model.frequencies > 0.0]
+    low = 0.5 * float(alive[0]) if len(alive) else 1.0
+    size = np.abs(np.diagonal(model.response(np.array([low]))[0][:, -len(axes) :]))
+    return f" Give a force that moves the platform: {axes[int(np.argmax(size))]}."
+
+
 def _bare(name: str) -> str:
     return name.removesuffix(".velocity").removesuffix(".acceleration")
 
@@ -255,9 +280,17 @@ def _pair(model: LinearModel, column: int, row: int) -> LinearModel:
 
 
 def _finite(pair: LinearModel) -> Array:
-    fastest = float(np.max(np.abs(pair.poles), initial=0.0))
-    found = pair.zeros()
-    return np.asarray(found[np.abs(found) < _BEYOND * fastest])
+    """Zeros but those of modes that the input does not move or the output does not see."""
+    poles = pair.poles
+    fastest = float(np.max(np.abs(poles), initial=0.0))
+    zeros = pair.zeros()
+    zeros = zeros[np.abs(zeros) < _BEYOND * fastest]
+    for pole in poles[np.abs(poles) > _LOW * fastest]:
+        if len(zeros):
+            nearest_zero = int(np.argmin(np.abs(zeros - pole)))
+            if abs(zeros[nearest_zero] - pole) < _SAME * abs(pole):
+                zeros = np.delete(zeros, nearest_zero)
+    return np.asarray(zeros)
 
 
 def _platform_zeros(mechanism: Mechanism) -> Array | None:

@@ -4,6 +4,8 @@ Claims:
     Commands: motions that the platform follows
     - frequency response of a beam on a hub; its zero in the right half plane | closed form
       (Euler-Bernoulli) | 2e-3 beside poles, 1e-6; 1e-3 | passes
+    - zeros of a force across a strip that bends both ways: none of the other plane | clamped,
+      pinned beam | 2e-3; 2e-2 (four functions) | passes
     - coherence of a noisy record; a response written and read back | powers of signal and noise |
       0.03 | passes
 """
@@ -198,3 +200,23 @@ def test_slow_zeros_are_said_to_be_those_of_free_joints(tmp_path: Path, capsys) 
         assert done.code == 0
         assert ("joints that are free to move" in done.out.replace("\n", " ")) == said
         assert ("e-0" in done.out.split("Zeros\n")[1].split("nothing")[0]) is False
+
+
+def test_modes_that_an_input_does_not_move_are_no_zeros() -> None:
+    """Of a strip that bends both ways, a force across it sees those of a clamped, pinned beam."""
+    strip = pf.load("cantilever", ["flexible.beam.bending_z=true", "gravity=[0, 0, 0]"])
+    study = pf.frequency_response(strip, source="tip.z")
+    assert np.any(np.abs(study.natural / 66.83 - 1.0) < 1e-3)  # along the width, ten times as high
+    zeros = np.sort(np.unique(np.round(np.abs(study.zeros[0]) / (2.0 * np.pi), 6)))
+    clamped, pinned = 1.87510407, np.array([3.92660231, 7.06858275])  # of a beam's wave number
+    wanted = study.natural[0] * (pinned / clamped) ** 2
+    # a basis of four functions: 1e-3 and 1.3e-2, as its second and third frequencies
+    np.testing.assert_allclose(zeros[:1], wanted[:1], rtol=2e-3)
+    np.testing.assert_allclose(zeros[1:2], wanted[1:], rtol=2e-2)
+
+
+def test_an_input_that_moves_nothing_is_refused_with_one_that_does() -> None:
+    with pytest.raises(pf.DescriptionError, match=r"tip\.y moves nothing of tip\.y.*: tip\.z\."):
+        pf.frequency_response("cantilever", source="tip.y")
+    with pytest.raises(pf.DescriptionError, match=r"no motor to take.*: tip\.z\."):
+        pf.frequency_response("cantilever")
