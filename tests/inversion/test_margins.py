@@ -168,3 +168,30 @@ def test_poses_and_drives_are_rows() -> None:
         (k, name) for k in (0, 1) for name in (*names, "all")
     ]
     assert "elbow_joint" in str(found)
+
+
+def test_a_patch_that_excites_a_beam_lets_it_ring_at_the_margin() -> None:
+    """With motors (there are none) still: at the largest gain the first mode neither grows nor
+    decays, beside it as the eigenvalue says, by the part of its damping that is left."""
+    patch = "flexible.beam.patches={pzt: {from: 0.1, to: 0.3, constant: 0.01}}"
+    still = ("motion={kind: hold, duration: 1}", "flexible.beam.damping={modal: 0.005}", patch)
+    beam, period = pf.load("cantilever", [*still, "gravity=[0, 0, -0.1]"]), 1e-3
+
+    def control(gain: float) -> pf.Control:
+        law = pf.digital_pid(0.0, 0.0, -gain, period=period)
+        places = (pf.Deflection("beam", 0.5),), (pf.Voltage("pzt"),)
+        return pf.Control(*places, law, period=period, delay=period)
+
+    (row,) = pf.margins(beam, control(0.05)).rows
+    assert row.frequency == pytest.approx(6.68, abs=0.01)  # the first mode's
+    for part in (0.5, 1.0, 1.5):
+        run = pf.solve(beam, control=control(0.05 * part * row.high), until=4.0, tol=1e-3,
+                       samples=4001)  # fmt: skip
+        tip = np.diff(run.link("beam").deflection[:, -1, 1])
+        turned = tip * np.exp(-2j * np.pi * row.frequency * run.t[1:])
+        later, window = (round(n / row.frequency / 1e-3) for n in (10, 6))
+        size = [abs(np.hanning(window) @ turned[k : k + window]) for k in (1500, 1500 + later)]
+        growth = size[1] / size[0]
+        expected = np.exp((part - 1.0) * 0.005 * 2.0 * np.pi * 10.0)
+        # the run by a tolerance of 1e-3
+        assert growth == pytest.approx(expected, rel=0.01), part
