@@ -449,7 +449,12 @@ def _opened(path: str | Path | None) -> Iterator[IO[bytes] | None]:
                 f"{path}: another process is writing it. Wait for that one, or choose another "
                 "output file."
             )
-        yield stream
+        try:
+            yield stream
+        finally:
+            stream.flush()
+            if not Path(path).stat().st_size:
+                Path(path).unlink()  # refused before the first case
 
 
 def _kept(stream: IO[bytes] | None, cases: Iterable[str]) -> dict[str, Record]:

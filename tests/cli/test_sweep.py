@@ -217,6 +217,15 @@ def test_a_dask_cluster_gives_the_same_table(arm):
     assert said == {name: repr(values.tolist()) for name, values in here.arrays.items()}
 
 
+def test_a_sweep_refused_before_its_first_case_leaves_no_file(arm, tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="needs pinflex[sweep]")
+    monkeypatch.setattr("pinflex.studies.batch._PATIENCE", "100ms")
+    with pytest.raises(pf.DescriptionError, match="no Dask scheduler answers"):
+        pf.sweep(arm, {THICKNESS: [3e-3]}, level="quasistatic", journal=tmp_path / "t.journal",
+                 scheduler="127.0.0.1:1")  # fmt: skip
+    assert not list(tmp_path.iterdir())
+
+
 # map ---------------------------------------------------------------------------------------------
 
 
