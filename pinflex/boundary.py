@@ -84,6 +84,7 @@ _PLAIN = {  # of an annotation: what fits it, and how that is called
     bool: ((bool, np.bool_), "True or False"),
     NoneType: (NoneType, "None"),
 }
+_LOADED = {"Mechanism": (str, os.PathLike)}  # what stands for one, too
 _MAPPINGS = (dict, abc.Mapping)
 _LISTS = (list, set, frozenset, abc.Iterable, abc.Sequence, abc.Collection)
 
@@ -149,6 +150,17 @@ def _misfits(value: Any, hint: Any, where: str) -> Iterator[tuple[str, Any, Any]
             return
         for k, (one, kind) in enumerate(zip(several, kinds, strict=True)):
             yield from _misfits(one, kind, f"{where}[{k}]")
+    elif _is_ours(hint) and not isinstance(value, (hint, *_LOADED.get(hint.__name__, ()))):
+        yield where, value, hint
+
+
+def _is_ours(hint: Any) -> bool:
+    """Whether it is a class of pinflex whose objects are known by their type."""
+    return (
+        isinstance(hint, type)
+        and hint.__module__.startswith("pinflex.")
+        and not getattr(hint, "_is_protocol", False)
+    )
 
 
 def _said(hint: Any) -> str:

@@ -233,6 +233,8 @@ def _control(
     mechanism: Mechanism, spec: SolveSpec, control: Control | bool | None
 ) -> Control | None:
     """The control that acts: only level coupled has the vibration that it feels."""
+    if not isinstance(control, Control | bool | None):
+        raise TypeError(f"control: {control!r}")  # said in full by the boundary
     if isinstance(control, Control) and spec.level != "coupled":
         raise DescriptionError(
             f"{mechanism.name}: a control acts at level coupled only, not at {spec.level}."
