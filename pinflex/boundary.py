@@ -13,6 +13,7 @@ from collections import abc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from numbers import Integral, Real
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -79,12 +80,12 @@ def _unknown(
 
 _PLAIN = {  # of an annotation: what fits it, and how that is called
     str: (str, "text"),
+    Path: (os.PathLike, "path"),
     float: (Real, "number"),
     int: (Integral, "whole number"),
     bool: ((bool, np.bool_), "True or False"),
     NoneType: (NoneType, "None"),
 }
-_LOADED = {"Mechanism": (str, os.PathLike)}  # what stands for one, too
 _MAPPINGS = (dict, abc.Mapping)
 _LISTS = (list, set, frozenset, abc.Iterable, abc.Sequence, abc.Collection)
 
@@ -150,7 +151,7 @@ def _misfits(value: Any, hint: Any, where: str) -> Iterator[tuple[str, Any, Any]
             return
         for k, (one, kind) in enumerate(zip(several, kinds, strict=True)):
             yield from _misfits(one, kind, f"{where}[{k}]")
-    elif _is_ours(hint) and not isinstance(value, (hint, *_LOADED.get(hint.__name__, ()))):
+    elif _is_ours(hint) and not isinstance(value, hint):
         yield where, value, hint
 
 

@@ -422,6 +422,10 @@ def takes_model(
                 kwargs[name] = load(given)
         return function(*args, **kwargs)
 
+    called.__annotations__ = {
+        **function.__annotations__,
+        name: Mechanism | Description | str | Path,
+    }
     return called
 
 

@@ -262,7 +262,7 @@ _THICK = "flexible.*.section.thickness"
         ("sweep(robot, {THICK: [1e-3]}, outputs=None)", "outputs: None does not fit. Give [text,"),
         ("solve(robot, 'coupled')", "solve: motion: 'coupled' does not fit. Give Motion or None;"),
         ("command(robot, 3)", "command: motion: 3 does not fit. Give Motion or None;"),
-        ("solve(3)", "solve: mechanism: 3 does not fit. Give Mechanism;"),
+        ("solve(3)", "solve: mechanism: 3 does not fit. Give Mechanism or Description or"),
         ("solve(robot, control=3)", "control: 3 does not fit. Give Control or True or False or "),
         ("view(robot)", "does not fit. Give Result or {text: Result};"),
         ("design(robot, 'mass', ())", "design: nothing varies. Give (low, high) by key path"),
