@@ -253,7 +253,7 @@ class Sampler:
         control = feedback.control
         assert control.period is not None
         self.feedback, self.period, self._dynamics = feedback, control.period, dynamics
-        self._law: Any = _law(control)
+        self._law: Any = fresh_law(control)
         self._limit = _limit(mechanism, control)
         self._motors = dynamics.system.motors if free else dynamics.system.motors[:0]
         self._other = feedback.B.copy()
@@ -352,8 +352,12 @@ def require_instants(mechanism: Mechanism, control: Control, end: float) -> None
     require_steps(mechanism, int(min(np.ceil(end / control.period), 1e12)), end, "control.period")
 
 
-def _law(control: Control) -> Any:
-    """A fresh law: every run begins with its state as given."""
+def fresh_law(control: Control) -> Any:
+    """The law of a digital controller: every run begins with its state as given.
+
+    Raises:
+        DescriptionError: A system of another size, or of another sample time.
+    """
     if callable(control.law) and not is_system(control.law):
         return copy.deepcopy(control.law)
     assert control.period is not None

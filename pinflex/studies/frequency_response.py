@@ -247,10 +247,14 @@ def _usual(
     axes = tuple(f"{frame}.{axis}" for axis in "xyz")
     model = linearise(mechanism, q, outputs=[f"{a}.acceleration" for a in axes], **given)
     column = mechanism.motors.index(source) if source in mechanism.motors else -1
+    return source, axes[int(np.argmax(_sizes(model)[:, column]))]
+
+
+def _sizes(model: LinearModel) -> Array:
+    """How much each input moves each output at half the first frequency, (outputs, inputs)."""
     alive = model.frequencies[model.frequencies > 0.0]
-    high = 0.5 * float(alive[0]) if len(alive) else 1.0
-    size = np.abs(model.response(np.array([high]))[0][:, column])
-    return source, axes[int(np.argmax(size))]
+    low = 0.5 * float(alive[0]) if len(alive) else 1.0
+    return np.asarray(np.abs(model.response(np.array([low]))[0]))
 
 
 def _another(mechanism: Mechanism, q: Array | None) -> str:
@@ -261,10 +265,8 @@ def _another(mechanism: Mechanism, q: Array | None) -> str:
         return " Give a force at a frame, FRAME.AXIS."
     axes = [f"{frame}.{axis}" for axis in "xyz"]
     model = linearise(mechanism, q, forces=axes, outputs=axes)
-    alive = model.frequencies[model.frequencies > 0.0]
-    low = 0.5 * float(alive[0]) if len(alive) else 1.0
-    size = np.abs(np.diagonal(model.response(np.array([low]))[0][:, -len(axes) :]))
-    return f" Give a force that moves the platform: {axes[int(np.argmax(size))]}."
+    own = np.diagonal(_sizes(model)[:, -len(axes) :])
+    return f" Give a force that moves the platform: {axes[int(np.argmax(own))]}."
 
 
 def _bare(name: str) -> str:
@@ -285,11 +287,9 @@ def _finite(pair: LinearModel) -> Array:
     fastest = float(np.max(np.abs(poles), initial=0.0))
     zeros = pair.zeros()
     zeros = zeros[np.abs(zeros) < _BEYOND * fastest]
-    for pole in poles[np.abs(poles) > _LOW * fastest]:
-        if len(zeros):
-            nearest_zero = int(np.argmin(np.abs(zeros - pole)))
-            if abs(zeros[nearest_zero] - pole) < _SAME * abs(pole):
-                zeros = np.delete(zeros, nearest_zero)
+    for pole in poles:
+        cancels = np.flatnonzero(np.abs(zeros - pole) < _SAME * abs(pole))
+        zeros = np.delete(zeros, cancels[:1])
     return np.asarray(zeros)
 
 

@@ -12,16 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from pinflex.actuation.feedback import Feedback, drives_motors, place
+from pinflex.actuation.feedback import Feedback, drives_motors, fresh_law, place
 from pinflex.arrays import Array
 from pinflex.boundary import public
-from pinflex.description.blocks.control import Control, DigitalPid, LinearLaw, Pid, is_system
-from pinflex.description.blocks.control import linear_law as discrete
+from pinflex.description.blocks.control import Control, DigitalPid, LinearLaw, Pid
 from pinflex.errors import DescriptionError
 from pinflex.inversion.linear_model import Balanced
 from pinflex.mechanics.mechanism import Mechanism, takes_model
@@ -133,8 +131,7 @@ def margins(
     for k, q in enumerate([None] if poses is None else poses):
         loop = _loop(mechanism, placed, law, free, q)
         for drive, on in _drives(control):
-            gains = np.where(on, 1.0, 0.0)
-            rows.append(MarginRow(k, drive, *_found(loop, gains)))
+            rows.append(MarginRow(k, drive, *_found(loop, on)))
     return Margins(mechanism.name, tuple(rows))
 
 
@@ -156,19 +153,19 @@ def _found(loop: _Loop, on: Array) -> tuple[float, float, float, float]:
 
     if not loop.stable():
         return np.nan, np.nan, loop.oscillation(np.ones(len(on))), np.nan
-    high = _first(scaled, _GAINS, np.inf)
-    low = 1.0 / _first(lambda x: scaled(1.0 / x), _GAINS, np.inf)
+    high = _first(scaled, _GAINS)
+    low = 1.0 / _first(lambda x: scaled(1.0 / x), _GAINS)
     frequency = np.inf
     if np.isfinite(high):
         frequency = loop.oscillation(1.0 + (_BEYOND * high - 1.0) * on)
-    return low, high, frequency, loop.period * _first(later, _DELAYS, np.inf)
+    return low, high, frequency, loop.period * _first(later, _DELAYS)
 
 
-def _first(holds: Callable[[float], bool], places: Array, beyond: float) -> float:
-    """Where a condition that holds at the first place ceases to, to `_EXACT`."""
+def _first(holds: Callable[[float], bool], places: Array) -> float:
+    """Where a condition that holds at the first place ceases to, to `_EXACT`; inf: nowhere."""
     at = next((k for k, x in enumerate(places) if not holds(float(x))), None)
     if at is None:
-        return beyond
+        return np.inf
     good, bad = float(places[at - 1]), float(places[at])
     while bad - good > _EXACT * bad:
         middle = 0.5 * (good + bad)
@@ -181,34 +178,29 @@ _Law = tuple[Array, Array, Array, Array, Array]
 
 
 def _law(name: str, control: Control) -> _Law:
-    law: Any = control.law
-    if control.period is None:
+    T, n, nu = control.period, len(control.measures), len(control.drives)
+    if T is None:
         raise DescriptionError(
             f"{name}: margins: the control acts continuously. Give the period [s] of the digital "
             "controller."
         )
-    T, n, nu = control.period, len(control.measures), len(control.drives)
-    if is_system(law):
-        law = discrete(law, T, control.reference)
+    law = fresh_law(control)
     if isinstance(law, LinearLaw):  # of the error, 0 - m
-        made = law.A, -law.B, law.C, -law.D, np.zeros_like(law.D)
-    elif isinstance(law, DigitalPid | Pid):
-        kp, ki, kd = (np.diag(np.broadcast_to(x, n)) for x in (law.kp, law.ki, law.kd))
-        if isinstance(law, DigitalPid):  # the integral of the error, up to the sample before
-            made = np.eye(n), -T * np.eye(n), ki, -kp, -kd
-        else:  # of m by the trapezoidal rule
-            made = np.eye(n), T * np.eye(n), ki, kp + 0.5 * T * ki, kd
-    else:
+        return law.A, -law.B, law.C, -law.D, np.zeros_like(law.D)
+    if not isinstance(law, DigitalPid | Pid):
         raise DescriptionError(
             f"{name}: margins: the law is any function. Give pf.pid, pf.digital_pid, or a linear "
             "system of scipy or python-control."
         )
-    if made[3].shape != (nu, n):
+    if nu != n or law.kp.size not in (1, n):
         raise DescriptionError(
-            f"{name}: margins: control.law: {len(made[3])} outputs of {made[3].shape[1]} measures "
-            f"for {nu} drives and {n} measures. Give one of each."
+            f"{name}: margins: control.law: gains for {law.kp.size} measures, where {n} are "
+            f"measured and {nu} driven. Give one of each."
         )
-    return made
+    kp, ki, kd = (np.diag(np.broadcast_to(x, n)) for x in (law.kp, law.ki, law.kd))
+    if isinstance(law, DigitalPid):  # the integral of the error, up to the sample before
+        return np.eye(n), -T * np.eye(n), ki, -kp, -kd
+    return np.eye(n), T * np.eye(n), ki, kp + 0.5 * T * ki, kd  # of m by the trapezoidal rule
 
 
 @dataclass(frozen=True)
@@ -242,8 +234,9 @@ class _Loop:
         a, b, c, d, e = self.law
         nx, ns, nu = len(self.A), len(a), self.B.shape[1]
         u = np.hstack([d @ self.C + e @ self.R, c]) * np.broadcast_to(gains, nu)[:, None]
-        waits = np.floor(self.delay / self.period + 1e-9).astype(int)
-        part = np.maximum(self.delay - waits * self.period, 0.0)
+        periods = np.round(self.delay / self.period, 9)  # so that parts of them repeat
+        waits = periods.astype(int)
+        part = (periods - waits) * self.period
         depth = int(waits.max(initial=0)) + 1
         over, kept = nx + ns, nu * depth
         F = np.zeros((over + kept, over + kept))
@@ -287,13 +280,9 @@ def _loop(mechanism: Mechanism, placed: Feedback, law: _Law, free: bool, q: Arra
         A, B, C = A[np.ix_(moves, moves)], B[moves, still:], C[:, moves]
     else:  # motors that it does not drive keep theirs
         own = np.any(placed.B[motors] != 0.0, axis=1)
-        kp, kd = (np.where(own, 0.0, x) for x in _servo(mechanism, nm))
+        spec = mechanism.description.solve
+        kp, kd = (np.where(own, 0.0, x) for x in (spec.kp, spec.kd))
         A = A - B[:, :nm] @ (kp[:, None] * C[2 * n : 2 * n + nm] + kd[:, None] * C[2 * n + nm :])
         B = B[:, nm:]
     delay = np.full(len(control.drives), control.delay)
     return _Loop(A, B, C[:n], C[n : 2 * n], law, control.period, delay)
-
-
-def _servo(mechanism: Mechanism, count: int) -> tuple[Array, Array]:
-    spec = mechanism.description.solve
-    return np.full(count, spec.kp), np.full(count, spec.kd)

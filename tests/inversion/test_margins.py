@@ -79,7 +79,7 @@ def test_the_delay_margin_by_parabolas(slow: float, free: pf.Mechanism) -> None:
     assert row.delay == pytest.approx(brentq(largest, 0.5 * phase, 1.5 * phase), rel=3e-6)
 
 
-def test_a_system_and_a_pid_have_the_margins_of_the_same_law(free: pf.Mechanism) -> None:
+def test_a_system_by_its_polynomial_and_no_margin_without_damping(free: pf.Mechanism) -> None:
     ours = pf.margins(free, controlled(40.0, 0.0, 0.0)).rows
     assert np.isnan(ours[0].high)  # without kd an inertia oscillates
     lead = StateSpace([[0.5]], [[1.0]], [[-30.0]], [[100.0]], dt=PERIOD)  # 100 (z - .8)/(z - .5)
@@ -92,6 +92,27 @@ def test_a_system_and_a_pid_have_the_margins_of_the_same_law(free: pf.Mechanism)
         return float(np.max(np.abs(np.roots(np.polyadd(poles, zeros))))) - 1.0
 
     assert row.high == pytest.approx(brentq(largest, 1.0, 60.0), rel=2e-6)
+
+
+def test_integrals_are_those_of_the_law_in_state_space(tmp_path: Path) -> None:
+    """Up to the sample before (digital_pid), and by the trapezoidal rule (pid)."""
+    body = scenes.Body("arm", "base", "revolute", mass=1.0, com=(0,) * 3, inertia=(0.1, 0.1, J))
+    text = "gravity: [0, 0, 0]\nsolve: {drive: torque}\njoints: {arm_joint: {damper: 4}}\n"
+    robot, kp, ki = scenes.load(tmp_path, [body], text), 10.0, 30.0
+
+    def found(law: object) -> tuple[float, ...]:
+        (row,) = pf.margins(robot, pf.Control(ARM, HUB, law, period=PERIOD)).rows
+        return row.low, row.high, row.frequency, row.delay
+
+    def system(direct: float) -> StateSpace:
+        return StateSpace([[1.0]], [[PERIOD]], [[ki]], [[direct]], dt=PERIOD)
+
+    digital = found(pf.digital_pid(kp, ki, period=PERIOD))
+    assert 1.0 < digital[1] < np.inf  # J s^3 + 4 s^2 + kp s + ki would bear any
+    assert digital == pytest.approx(found(system(kp)), rel=1e-9)  # round-off
+    by_trapezoids = found(pf.pid(-kp, -ki))
+    assert by_trapezoids == pytest.approx(found(system(kp + 0.5 * PERIOD * ki)), rel=1e-9)
+    assert abs(by_trapezoids[1] / digital[1] - 1.0) > 1e-3
 
 
 @pytest.fixture
@@ -153,6 +174,9 @@ def test_what_has_no_margins_says_so(free: pf.Mechanism) -> None:
     law = pf.Control(ARM, HUB, lambda t, m, rate, total: -m, period=PERIOD)
     with pytest.raises(pf.DescriptionError, match="any function"):
         pf.margins(free, law)
+    two = pf.digital_pid([1.0, 2.0], period=PERIOD)
+    with pytest.raises(pf.DescriptionError, match="gains for 2 measures, where 1 are measured"):
+        pf.margins(free, pf.Control(ARM, HUB, two, period=PERIOD))
 
 
 def test_poses_and_drives_are_rows() -> None:
@@ -162,8 +186,7 @@ def test_poses_and_drives_are_rows() -> None:
     control = pf.Control(
         tuple(map(pf.Travel, names)), tuple(map(pf.Effort, names)), law, period=5e-4
     )
-    home = robot.home if hasattr(robot, "home") else np.zeros(6)
-    found = pf.margins(robot, control, [home, home + 0.3])
+    found = pf.margins(robot, control, [robot.home, robot.home + 0.3])
     assert [(row.pose, row.drive) for row in found.rows] == [
         (k, name) for k in (0, 1) for name in (*names, "all")
     ]

@@ -166,7 +166,7 @@ static int spent(const Tables *t, const Alpha *m, double goal) {
   return sqrt(sum) <= fmax(goal, m->noise) && largest(m->open, t->closures) < 1e-13;
 }
 
-/* An old tangent may only contract slowly: where one can be had, a new one tells whether it is stuck. */
+/* With an old tangent it may only contract slowly: a new one tells, where it can be had. */
 static int converged(const Tables *t, Alpha *m, Int iteration, double size, Int fresh) {
   int stuck;
   double rest = left(m, iteration, size, &stuck);
