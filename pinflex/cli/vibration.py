@@ -283,8 +283,9 @@ def _frf_report(study: FrequencyResponse) -> Report:
     return Report(f"{study.name}: frequency response", (
         f"{study.name}: response to {study.input}, natural frequencies {modes} Hz",
         _zero_table(rows, _ZERO * fastest),
-        f"Zeros below {number(_SLOW * fastest)} Hz are those of joints that are free to move: "
-        "weight, and how the sag changes with the pose, hold them, not the links." if slow else "",
+        f"Zeros below {number(_SLOW * fastest)} Hz are those of joints that are free to move, "
+        "other motors among them: weight, and how the sag changes with the pose, hold them, not "
+        "the links. `--motors acceleration` prescribes the motors instead." if slow else "",
         *(
             f"measured {name}: agreement {x['agreement']:.4f}"
             + ("" if x["coherence"] is None else f", mean coherence {x['coherence']:.3f}")

@@ -29,6 +29,8 @@ from pinflex.linalg import condensed, null_space
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.tree import sliding
+from pinflex.results.quantities import joint_unit
 from pinflex.threads import one_blas_thread
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -158,13 +160,14 @@ def linearise(
     F, inputs = _inputs(mechanism, about.dynamics, about.y, driven, forces)
     wanted = tuple(outputs) or _usual_outputs(mechanism)
     H, order = _output_rows(mechanism, about.dynamics, about.y, wanted)
+    slides = sliding(mechanism.rigid.rigid)
     A, B, C, D, frequencies = about.state_space(driven, F, H, order, modes)
     nt = len(about.dynamics.system.motors) if driven else 0
     states = [f"mode {k + 1}" for k in range(len(A) // 2 - nt)]
     states += [f"{m} position" for m in mechanism.motors][:nt]
     return LinearModel(
         A, B, C, D, tuple(states + [f"{s}'" for s in states]), inputs,
-        tuple(f"{text} [{_unit(text)}]" for text in wanted), about.y, frequencies,
+        tuple(f"{text} [{_unit(text, slides)}]" for text in wanted), about.y, frequencies,
     )  # fmt: skip
 
 
@@ -270,10 +273,11 @@ def _inputs(
     mechanism: Mechanism, dynamics: Equations, y: Array, driven: bool, forces: Sequence[str]
 ) -> tuple[Array, tuple[str, ...]]:
     """Generalised forces of unit inputs, (nv, inputs), without driven motors; names of all."""
-    system, unit = mechanism.flexible, "rad/s^2 | m/s^2" if driven else "N m | N"
+    system, slides = mechanism.flexible, sliding(mechanism.rigid.rigid)
+    key = "joint/a" if driven else "torque"
     push = np.eye(system.nv)[:, [] if driven else system.motors]
     rows = [_frame_row(mechanism, dynamics, y, text)[:, None] for text in forces]
-    names = [f"{name} [{unit}]" for name in mechanism.motors]
+    names = [f"{name} [{joint_unit(key, name in slides)}]" for name in mechanism.motors]
     names += [f"{text} [{'N m' if '.r' in text else 'N'}]" for text in forces]
     return np.hstack([push, *rows]), tuple(names)
 
@@ -313,12 +317,12 @@ def _split(text: str) -> tuple[str, int]:
     return (name, RATES.index(last)) if name and last in RATES[1:] else (text, 0)
 
 
-def _unit(text: str) -> str:
+def _unit(text: str, slides: set[str]) -> str:
     name, rate = _split(text)
     if "@" in name:
         return "1/m"
-    base = "rad | m" if "." not in name else "rad" if name.rpartition(".")[2][0] == "r" else "m"
-    return base + ("", "/s", "/s^2")[rate]
+    turns = name.rpartition(".")[2][0] == "r" if "." in name else name not in slides
+    return ("rad" if turns else "m") + ("", "/s", "/s^2")[rate]
 
 
 def _frame_row(mechanism: Mechanism, dynamics: Equations, y: Array, text: str) -> Array:
