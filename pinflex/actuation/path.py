@@ -249,7 +249,8 @@ def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
     """The error of motors that leave coordinates undetermined."""
     return MotionError(
         f"{mechanism.name}: the motors do not determine the motion of {', '.join(passive)}. "
-        "Actuate these joints or close loops over them; level=coupled lets them swing."
+        "Actuate these joints, lock them (joints: {NAME: {type: fixed}}) or close loops over them; "
+        "level=coupled lets them swing."
     )
 
 

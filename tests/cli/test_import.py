@@ -237,6 +237,40 @@ def test_a_joint_that_cannot_stand_at_zero_begins_in_the_middle_of_its_range(
     assert "outside the URDF's limits" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("effort", "level"), [("30", "rigid"), ("0", None)])
+def test_a_joint_without_a_transmission_is_a_motor_where_it_has_an_effort_limit(
+    tmp_path: Path, effort: str, level: str | None
+) -> None:
+    """A gripper has an effort limit and a caster has none; the file says how to hold that."""
+    turning = 'ixx="1e-2" ixy="0" ixz="0" iyy="1e-2" iyz="0" izz="1e-2"'
+    one = f'<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia {turning}/></inertial>'
+    text = '<robot name="arm"><link name="base"/>'
+    for name, parent, child, most in (
+        ("shoulder", "base", "arm", "9"), ("grip", "arm", "finger", effort),
+    ):  # fmt: skip
+        text += f'<link name="{child}">{one}</link><joint name="{name}" type="revolute">'
+        text += f'<parent link="{parent}"/><child link="{child}"/><origin xyz="0.3 0 0"/>'
+        text += (
+            f'<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="9" effort="{most}"/></joint>'
+        )
+    text += '<transmission name="t"><joint name="shoulder"/><actuator name="m"/></transmission>'
+    (tmp_path / "arm.urdf").write_text(text + "</robot>", "utf-8")
+    out = tmp_path / "arm.yaml"
+    assert main(["new", str(tmp_path / "arm.urdf"), "-o", str(out)]) == 0
+    made = out.read_text("utf-8")
+    robot = pf.load(out)
+    if level:
+        assert robot.motors == ("shoulder", "grip")
+        assert "GUESSES, by effort limits, not by a <transmission>: grip" in made
+        assert len(pf.solve(robot, level=level, samples=5).torque) == 5
+    else:
+        assert robot.motors == ("shoulder",)
+        assert "# joints: {grip: {type: fixed}}" in made
+        cured = out.with_name("cured.yaml")
+        cured.write_text(made.replace("# joints:", "joints:"), "utf-8")
+        assert pf.load(cured).report.mobility == 1
+
+
 def test_arguments_of_a_xacro_are_taken_and_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -321,9 +321,16 @@ def new_scene(
             f"another link: {', '.join(g.link for g in candidates(mechanism)) or 'there is none'}."
         )
     ways = proposals.closing(mechanism, tree)
+    more = [] if ways.loops or blocks.get("loops") else _pushed(tree, blocks)
+    if more:
+        blocks["actuated"] += more
+        plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
+        mechanism = load(from_text(plain, out))
     ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
     blocks["platform"] = proposals.platform(mechanism, ends)
-    text = _text(tree, name, blocks, guesses, _open_loops(ways), flexible)
+    guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
+    remarks = [*_wrapped("", [guessed] if more else []), *_open_loops(ways)]
+    text = _text(tree, name, blocks, guesses, remarks, flexible)
     whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
@@ -361,6 +368,18 @@ def _motors(tree: Source, closed: bool) -> dict[str, Any]:
     if not found and closed:
         found = [name for name in single if re.search("mot|act", name, re.I)]
     return {"actuated": found} if found or closed else {}
+
+
+def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
+    """Joints of an open tree with an effort limit, of which no transmission speaks."""
+    found = []
+    for joint in ET.fromstring(tree.text.strip()).iterfind("joint"):
+        name, limit = joint.get("name", ""), joint.find("limit")
+        one = tree.joints.get(name)
+        single = one is not None and one.type in _ONE and one.mimic is None
+        if single and limit is not None and name not in blocks.get("actuated", [name]):
+            found += [name] if float(limit.get("effort", 0)) > 0 else []
+    return found
 
 
 def _text(
@@ -452,12 +471,26 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
     return [*lines, f"# actuated: [{motors}]  # {why}"]
 
 
+def _loose(mechanism: Mechanism) -> str:
+    """Why the motors do not determine the motion, and what to write."""
+    held = {*mechanism.motors, *mechanism.idle.names, "root_joint"}
+    loose = [name for name in mechanism.rigid.rigid.names[1:] if name not in held]
+    if mechanism.description.loops or not loose:
+        return "the motors do not determine it."
+    return (
+        f"no motor moves {', '.join(loose)}. Add them to `actuated`, or lock them:\n"
+        f"# joints: {{{', '.join(f'{quoted(n)}: {{type: fixed}}' for n in loose)}}}"
+    )
+
+
 def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing) -> str:
     """A small motion of the first motor, as far as the rigid robot follows it."""
     motors = ways.motors or mechanism.description.actuated
     closed = ways.closed is not None and ways.closed.report.mobility == len(ways.motors)
-    if not motors or mechanism.report.mobility != len(mechanism.motors):
-        return "\n# No motion is proposed: the motors do not determine it.\n"
+    if not motors:
+        return "\n# No motion is proposed: no joint has a motor.\n"
+    if mechanism.report.mobility != len(mechanism.motors):
+        return f"\n# No motion is proposed: {_loose(mechanism)}\n"
     joint = motors[0]
     kind = ET.fromstring(mechanism.description.urdf_text.strip()).find(f".//joint[@name='{joint}']")
     step = _STEP.get(kind.get("type", "") if kind is not None else "", _TURN)
