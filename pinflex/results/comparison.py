@@ -184,7 +184,14 @@ def _cost_table(c: Comparison) -> Table:
 
 
 def _remarks(c: Comparison, most: int | None = None) -> Block:
-    notes = [f"{level} was not solved. {why}" for level, why in c.unsolved.items()] + [*c.notes]
+    alike: dict[str, list[str]] = {}
+    for level, why in c.unsolved.items():
+        alike.setdefault(why, []).append(level)
+    notes = [
+        f"{' and '.join([*filter(None, [', '.join(levels[:-1])]), levels[-1]])} "
+        f"{'were' if len(levels) > 1 else 'was'} not solved. {why}"
+        for why, levels in alike.items()
+    ] + [*c.notes]
     if most is not None and len(notes) > most:
         notes[most - 1 :] = [f"{len(notes) - most + 1} more notes are in comparison.txt."]
     return bullets(notes, "Notes")
