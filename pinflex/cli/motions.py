@@ -202,9 +202,9 @@ def _say(line: str) -> None:
 
 
 def _pairs(texts: list[str], option: str) -> dict[str, float]:
-    """Numbers by name, of NAME=VALUE; a per cent sign is a hundredth."""
+    """Numbers by name, of NAME=VALUE,...; a per cent sign is a hundredth."""
     pairs = {}
-    for text in texts:
+    for text in ",".join(texts).split(",") if texts else ():
         name, sign, value = text.partition("=")
         try:
             number = float(value.strip().removesuffix("%"))

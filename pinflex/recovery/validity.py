@@ -251,13 +251,12 @@ def sentences(
         )
     if found.get("energy", GOOD) != GOOD:
         way = (
-            "Trust coupled, or take smaller steps."
+            ", as it is linear, or its steps are long: hold it against coupled."
             if linear
-            else "Use a smaller step (--set solve.dt=...), or less numerical damping."
+            else f" ({found['energy']}). Use a smaller step (--set solve.dt=...), or less numerical "
+            "damping."
         )
-        texts.append(
-            f"keeps the energy balance to {100 * balance:.2g} % only ({found['energy']}). {way}"
-        )
+        texts.append(f"keeps the energy balance to {100 * balance:.2g} % only{way}")
     return texts
 
 
