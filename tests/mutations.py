@@ -320,6 +320,13 @@ steps.averaged = lambda t, values, breaks: (values, np.zeros(0, int))
 """,
         ["tests/levels/test_jumps.py"],
     ),
+    "equal steps feel a force up to half a step off": (
+        """
+from pinflex.mechanics.model.loads import Loads
+Loads.spread = lambda self, h: self
+""",
+        ["tests/levels/test_jumps.py"],
+    ),
     "compare: only the band counts": (
         """
 altered("pinflex.results.verdict", "return max(band, tol * deviation)", "return band")

@@ -20,7 +20,8 @@ from pinflex.integrators.problem import Run, Settings
 from pinflex.kernel.march import AlphaKernel, Iteration, LawKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.loads import gear_name
+from pinflex.mechanics.model.loads import Loads, gear_name
+from pinflex.mechanics.model.system import System
 
 # Newton stops when the estimated error of the acceleration, weighted by the iteration matrix, is
 # this fraction of what the acceleration is at the time: measured on the race scenes, torques and
@@ -60,8 +61,12 @@ def integrate(
     else:
         mean, at = averaged(t, drive.feed_forward, breaks)
         drive = replace(drive, feed_forward=mean)
-    march = PlainAlpha(mechanism, dynamics, path, scheme, drive, tolerance, feedback)
-    record = _Record(march, t, begin)
+    system, switched = dynamics.system, _switched(dynamics.system.loads, t)
+    felt = dynamics
+    if len(switched):
+        felt = Equations(replace(system, loads=system.loads.spread(t[1] - t[0])), marched=True)
+    march = PlainAlpha(mechanism, felt, path, scheme, drive, tolerance, feedback)
+    record = _Record(march, system, t, begin)
     now = resume[1] or march.first(*start, begin)
     record.keep(begin, now)
     compiled = compiled_alpha(march, record.columns, begin)
@@ -101,17 +106,24 @@ def integrate(
         so_far = record.run(k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
     if feedback is None:  # its states were those of their time
-        march.path, march.drive = pointwise
-        record.settle(at[at > begin])
+        march.dynamics, (march.path, march.drive) = dynamics, pointwise
+        record.settle(np.union1d(at[at > begin], switched[switched > begin]))
     return record.run(steps)
+
+
+def _switched(loads: Loads, t: Array) -> IntArray:
+    """Steps nearest to where loads switch."""
+    h, times = t[1] - t[0], [x for f, _ in loads.forces if f.timed for x in f.corners]
+    found = [int(np.searchsorted(t, x - 0.5 * h)) for x in times if 0.0 < x <= t[-1]]
+    return np.unique(np.array(found, dtype=np.intp))
 
 
 class _Record:
     """States, multipliers, torques and powers at the steps of a march, from step `begin` on."""
 
-    def __init__(self, march: PlainAlpha, t: Array, begin: int) -> None:
+    def __init__(self, march: PlainAlpha, system: System, t: Array, begin: int) -> None:
         self._march, self._t, self._begin = march, t, begin
-        self._system = system = march.dynamics.system
+        self._system = system
         nv, rows, motors = system.nv, system.closed.n, len(system.motors)
         # y, v, a, s, lam, torque and power.
         self.columns = tuple(

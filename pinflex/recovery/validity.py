@@ -253,8 +253,8 @@ def sentences(
         way = (
             ", as it is linear, or its steps are long: hold it against coupled."
             if linear
-            else f" ({found['energy']}). Use a smaller step (--set solve.dt=...), or less numerical "
-            "damping."
+            else f" ({found['energy']}). Use a smaller step (--set solve.dt=...), or less "
+            "numerical damping."
         )
         texts.append(f"keeps the energy balance to {100 * balance:.2g} % only{way}")
     return texts

@@ -8,6 +8,8 @@ Claims:
       at every level | sum of step responses | 1e-4 by tol, 1e-3 in steps | 1.4e-7, 4.3e-4
     - equal steps of level coupled where accelerations, or torques fed forward, jump on and between
       steps: second order | sum of step responses | 1e-2; ratio above 3.5 | 9e-3; 4.0
+    - the same of forces that come and go on and between steps, with and without the kernel | sum of
+      step responses | 2e-4; ratio above 3.5 | 1.3e-4; 3.9
 """
 
 from __future__ import annotations
@@ -139,3 +141,29 @@ def test_equal_steps_of_level_coupled_feel_a_jump_where_it_is(
         errors.append(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
     # phase (w h)^2 w t / 12 is 2e-2 for the faster one, and 4 times as much in steps twice as long
     assert errors[1] < 1e-2 and errors[0] > 3.5 * errors[1], errors
+
+
+@pytest.mark.parametrize("kernel", ["1", "0"])
+@pytest.mark.parametrize("on", [0.3, 0.30041])  # s: on a step, and between two
+def test_equal_steps_feel_a_force_where_it_comes_and_goes(
+    on: float, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Second order in the mass's place and motor force; felt half a step off, it was the first."""
+    monkeypatch.setenv("PINFLEX_KERNEL", kernel)
+    off, push, w, errors = on + 0.40047, 5.0, np.sqrt(STIFFNESS / MASS), []
+    robot = sprung(tmp_path).with_(
+        "motion={kind: hold, duration: 1}",
+        f"forces={{push: {{at: slide, force: [0, {push}, 0], start: {on}, until: {off}}}}}",
+    )
+    for dt in (1e-3, 5e-4):
+        run = pf.solve(robot, level="coupled", until=1.0, samples=101, dt=dt)
+        place, force = np.zeros(len(run.t)), np.zeros(len(run.t))
+        for at, sign in ((on, 1.0), (off, -1.0)):
+            s = np.maximum(run.t - at, 0.0)
+            place += sign * push / STIFFNESS * (1.0 - np.cos(w * s))
+        force = -STIFFNESS * place  # the motor holds what the spring bears
+        pairs = (run.frame("slide").position[:, 1], place), (run.torque[:, 0], force)
+        errors.append([np.abs(x - y).max() / np.abs(y).max() for x, y in pairs])
+    # phase (w h)^2 w t / 12 = 4e-4 of the swing about a place twice as far, less numerical damping
+    assert np.max(errors[1]) < 2e-4, errors
+    assert np.all(np.array(errors[0]) > 3.5 * np.array(errors[1])), errors

@@ -166,7 +166,8 @@ static int spent(const Tables *t, const Alpha *m, double goal) {
   return sqrt(sum) <= fmax(goal, m->noise) && largest(m->open, t->closures) < 1e-13;
 }
 
-/* With an old tangent it may only contract slowly: a new one tells, where it can be had. */
+/* With an old tangent it may only contract slowly: a new one tells, where it can be had, by two
+   corrections of its own. `fresh`: how many it has made with new ones; 0: the tangent is old. */
 static int converged(const Tables *t, Alpha *m, Int iteration, double size, Int fresh) {
   int stuck;
   double rest = left(m, iteration, size, &stuck);
@@ -174,7 +175,7 @@ static int converged(const Tables *t, Alpha *m, Int iteration, double size, Int 
     m->reference = fmax(m->reference, size_of(m, m->next.a, m->joints->free_at));
   double goal = fmax(m->tolerance * m->reference, 0.01 * m->noise);
   if (rest <= goal && (t->closures == 0 || largest(m->open, t->closures) < 1e-9)) return 1;
-  return stuck && (fresh || m->allowed) && spent(t, m, fmax(goal, STUCK * m->reference));
+  return stuck && (fresh > 1 || m->allowed) && spent(t, m, fmax(goal, STUCK * m->reference));
 }
 
 /* Whether the next state is one of this motion: far from it the equations have other roots. */
@@ -211,11 +212,12 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
       m->reference = fmax(level, fmax(0.9 * m->reference, 1e-3 * m->peak));
       return is_near(t, m) || lost(t, m);
     }
+    fresh += fresh > 0;
     Int patient = m->allowed ? LONG : 1; /* a new one may be on its way */
     Int slow = exact || (i > patient && m->rate > 0.3 && (!fresh || i > 4));
     if (slow && (!m->allowed || taken < m->allowed)) {
       if (!refresh(t, memory, m, to->scale, exact)) return lost(t, m);
-      fresh = 1, taken++;
+      fresh += !fresh, taken++;
     }
   }
   return is_near(t, m) ? 0 : lost(t, m);

@@ -6,7 +6,7 @@ Present only where a scene has them. A load is a world wrench W on a body; the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -253,6 +253,30 @@ class Loads:
     def timed(self) -> bool:
         """Whether a load starts, ends or ramps in time."""
         return any(f.timed for f, _ in self.forces)
+
+    def spread(self, h: float) -> Loads:
+        """Loads that switch, as methods of second order feel them in equal steps of h [s].
+
+        Between steps a switch would act up to half a step early or late. As a ramp of a step's
+        length with the same middle it acts where it is, but for those in the first step.
+        """
+        found: list[tuple[FrameForce, Attachment]] = []
+        for force, at in self.forces:
+            end = force.until
+            if end is not None and end >= max(force.start + force.ramp, h):
+                off = replace(force, force=_negative(force.force), moment=_negative(force.moment))
+                found.append((replace(off, start=end - 0.5 * h, ramp=h, until=None), at))
+                force = replace(force, until=None)
+            start = force.start + 0.5 * (force.ramp - h)
+            if force.ramp < h and start >= 0.5 * h:
+                force = replace(force, start=start, ramp=h)
+            found.append((force, at))
+        return replace(self, forces=tuple(found))
+
+
+def _negative(vector: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    return -x, -y, -z
 
 
 def loads(
