@@ -210,6 +210,35 @@ def test_motors_without_such_names_are_as_many_as_the_freedoms(
     assert f"# actuated: [{motors}]  # mobility 2 with these loops\n" in written
 
 
+def test_a_ball_is_proposed_where_its_name_says_it_and_the_freedoms_need_it(
+    tmp_path: Path,
+) -> None:
+    """A crank, a rod between two balls, one drawn as a hinge, and a plate; five decimals."""
+    one = '<inertial><origin xyz="0.15 0.1 0.05"/><mass value="1"/><inertia ixx="1e-2" ixy="0" '
+    one += 'ixz="0" iyy="1e-2" iyz="0" izz="1e-2"/></inertial>'  # the rod's on its own line
+    text = '<robot name="rssr"><link name="base"/><link name="tip"/><link name="socket"/>'
+    text += "".join(f'<link name="{name}">{one}</link>' for name in ("crank", "rod", "plate"))
+    for name, kind, parent, child, xyz, axis in (
+        ("motor", "continuous", "base", "crank", "0 0 0", "0 0 1"),
+        ("ball", "continuous", "crank", "rod", "0.1 0 0", "0 0 1"),
+        ("end", "fixed", "rod", "tip", "0.3 0.2 0.1", "0 0 1"),
+        ("pin", "continuous", "base", "plate", "0.4 0 0", "1 0 0"),
+        ("seat", "fixed", "plate", "socket", "0.00001 0.2 0.1", "0 0 1"),
+    ):
+        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/></joint>'
+    (tmp_path / "rssr.urdf").write_text(text + "</robot>", "utf-8")
+    out = tmp_path / "rssr.yaml"
+    assert main(["new", str(tmp_path / "rssr.urdf"), "-o", str(out)]) == 0
+    made = out.read_text("utf-8")
+    taken = re.sub(r"^# (loops:|joints:|actuated:|  .*# drawn)", r"\1", made, flags=re.M)
+    assert "# joints: {ball: {type: spherical}}" in made and "1e-05 m apart" in made
+    out.write_text(taken, "utf-8")
+    robot = pf.load(out)
+    assert robot.motors == ("motor",) and robot.report.mobility == 1
+    assert pf.solve(robot, level="rigid", samples=5).worst_closure < 1e-9
+
+
 def test_a_finger_is_no_platform(tmp_path: Path) -> None:
     """Fingers hang further out than the palm that carries them, and matter less."""
     parts = ("base", "upper", "palm", "thumb_1", "thumb_2", "index_1")

@@ -459,6 +459,9 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
         block = yaml.safe_dump(loop.block, sort_keys=False, default_flow_style=True, width=200)
         drawn = f"{loop.apart:.3g} m apart" if loop.apart > 1e-6 else "together"
         lines += [f"#   {quoted(loop.name)}: {block.strip()}  # drawn {drawn}"]
+    if ways.types:
+        retyped = ", ".join(f"{quoted(n)}: {{type: {kind}}}" for n, kind in ways.types.items())
+        lines += [f"# joints: {{{retyped}}}  # by their names"]
     motors = ", ".join(quoted(name) for name in ways.motors) or "..."
     if ways.closed is None:
         why = "they do not close from the pose drawn: give a guess under home"
@@ -502,7 +505,9 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
         try:
             solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
             if closed:  # it is to run when the # are gone, too
-                taken = re.sub(r"^# (loops:|actuated:|  .*# drawn)", r"\1", text, flags=re.M)
+                taken = re.sub(
+                    r"^# (loops:|joints:|actuated:|  .*# drawn)", r"\1", text, flags=re.M
+                )
                 solve(load(from_text(taken + proposal, out)), level="rigid", samples=_LOOKS)
         except PinflexError:
             continue

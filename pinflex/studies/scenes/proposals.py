@@ -5,10 +5,11 @@ All of it is guessed from names, shapes and freedoms, and written so that it can
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.tree import Link
 
-_NEAR = 1e-6  # [m | rad] frames that coincide
+_NEAR = 1e-4  # [m] frames that coincide, but for the decimals of a file
 _MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already
 _LOOKS = 3  # poses at which that is looked at
 _WORDS = (  # the end of a robot, surest name first
@@ -36,6 +37,10 @@ _FINGER = re.compile(
 )
 _SENSOR = re.compile(r"camera|laser|imu|optical|sensor|rgb|depth|lidar|gnss|(^|_)head|eye", re.I)
 _MOTOR = re.compile("mot|act", re.I)
+_TYPES = {  # which URDF lacks, so that files draw another in their place
+    "spherical": re.compile("ball|spher", re.I),
+    "universal": re.compile("univ|cardan|u_?joint", re.I),
+}
 
 
 @dataclass(frozen=True)
@@ -72,11 +77,13 @@ class Closing:
     Attributes:
         loops: What may meet. motors: Joints with a motor then; none: they are not to be guessed.
         closed: The mechanism with them; None where it does not close.
+        types: Of joints that have another in the file.
     """
 
     loops: tuple[Loop, ...] = ()
     motors: tuple[str, ...] = ()
     closed: Mechanism | None = None
+    types: Mapping[str, str] = field(default_factory=dict)
 
 
 # The platform --------------------------------------------------------------------------------
@@ -128,12 +135,14 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
     pairs = _pairs(mechanism, motors)
     if not pairs:
         return Closing()
-    best = Closing(tuple(pairs), motors)
+    best, types = Closing(tuple(pairs), motors), _named_types(tree)
     some = json.dumps(motors or mechanism.description.actuated[:1])
-    for kind in _kinds(mechanism, pairs):
+    tries = itertools.product([{}, types] if types else [{}], _kinds(mechanism, pairs))
+    for retyped, kind in tries:
         loops = tuple(Loop(p.a, p.b, p.apart, *kind) for p in pairs)
         text = json.dumps({loop.name: loop.block for loop in loops})
         changes = [f"loops={text}", f"actuated={some}"]
+        changes += [f"joints.{name}.type={kind}" for name, kind in retyped.items()]
         try:
             closed = load(mechanism.description.with_overrides(changes))
         except PinflexError:
@@ -141,10 +150,20 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
         mobility = closed.report.mobility
         driven = motors or _likely_motors(tree, mobility)
         if mobility and mobility == len(driven):
-            return Closing(loops, driven, closed)
+            return Closing(loops, driven, closed, retyped)
         if mobility and best.closed is None:
             best = Closing(loops, motors, closed)
     return best
+
+
+def _named_types(tree: Source) -> dict[str, str]:
+    """Balls and universal joints by their names, where the file has another type."""
+    return {
+        joint.name: kind
+        for joint in tree.joints.values()
+        for kind, word in _TYPES.items()
+        if word.search(joint.name) and joint.type in ("revolute", "continuous", "fixed")
+    }
 
 
 def named_motors(tree: Source) -> tuple[str, ...]:
