@@ -229,7 +229,8 @@ class Problem:
         inside = np.concatenate([self.path_inside(x[None]).acceleration for x in t])
         jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
         kicked = [self._switches(x, near) for x in t]
-        jumps = np.flatnonzero((jump > _JUMP * np.abs(inside).max(initial=1e-300)) | kicked)
+        largest = np.abs(self.path(run.t).acceleration).max(initial=1e-300)  # many end in none
+        jumps = np.flatnonzero((jump > _JUMP * largest) | kicked)
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
         for k in (on[j] for j in jumps):
             after = self.first(float(run.t[k]), run.y[k], run.v[k])
