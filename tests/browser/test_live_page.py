@@ -11,7 +11,7 @@ Claims:
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.27 to 14 times
     - a drag of a slider leaves frames to the animation: CPU of any task of the page's thread |
-      50 ms | 22 ms (`python -m tests.benchmarks.frames`)
+      50 ms | 24 ms (`python -m tests.benchmarks.frames`)
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ def test_a_drag_leaves_the_animation_its_frames(model, browser, pages):
     until(browser, "return !!(pinflex.live && pinflex.live.ready)")
     found = dragged(browser, "damping", moves=30)
     assert len(found.waits) >= 3  # new curves while it moved
-    assert found.own.max() < 50  # ms of CPU; 10 to 22 were measured
+    assert found.own.max() < 50  # ms of CPU; 10 to 24 were measured
     assert browser.run("return pinflex.sharpness.now") < 2  # at rest, in software
 
 
