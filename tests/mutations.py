@@ -188,7 +188,7 @@ ride.split = lambda *link: replace(plain(*link), riders=())
     "riders at the root: none of them loads the beam": (
         """
 import pinflex.mechanics.model.tree as ride
-ride._beside_the_centre = lambda rest: 0.0
+ride._beside_the_centre = lambda rest, beam: 0.0
 """,
         ["tests/unit/mechanics/test_ride.py"],
     ),

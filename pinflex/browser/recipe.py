@@ -23,6 +23,7 @@ from pinflex.errors import DescriptionError
 from pinflex.integrators.compiled import tabulated
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
+from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.march import RESTARTS, MarchKernel, StageKernel, Table
 from pinflex.mechanics.mechanism import Mechanism
@@ -498,16 +499,17 @@ def _laid_out(
     kept = _Kept(image)
     header["outputs"] = outputs(scene.mechanism, system, kept)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
+    header["kicks"] = _kicks(radau.problem, np.array(header["jumps"][1:]), t)
     header["moving"] = _nominal_rates(scene, system)
     header["t"] = t.tolist()
     header["counts"] = dict(system.tables.counts) | {
-        "motors": len(system.motors), "free": [int(i) for i in radau.problem.free],
+        "motors": len(system.motors), "rows": [int(i) for i in system.motors],
+        "free": [int(i) for i in radau.problem.free],
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
     }  # fmt: skip
     header["folded"] = _fold(image, march._table, kept, len(system.motors))
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
-    header["part"], header["static"] = PART, scene.start.kind == "static"
-    header["slow"] = SLOW
+    header |= {"part": PART, "static": scene.start.kind == "static", "slow": SLOW}
     header["names"] = dict(image.names)
     return Recipe(image, header)
 
@@ -549,6 +551,12 @@ def tables_of(mechanism: Mechanism) -> dict[str, Array]:
     outputs(mechanism, dynamics.system, _Kept(image))
     of_page = {name: np.asarray(image.arrays[k][2]) for name, k in image.names.items()}
     return {name: x for name, x in (found | of_page).items() if x.size}
+
+
+def _kicks(problem: Problem, at: Array, t: Array) -> list[list[float]]:
+    """Times at which accelerations of the motors jump, and those just after, by motor."""
+    some = at[problem.jumps(at, t)] if len(at) else at
+    return np.column_stack([some, problem.path(some).acceleration]).tolist() if len(some) else []
 
 
 def _nominal_rates(scene: Scene, system: Any) -> list[list[float]]:

@@ -26,9 +26,12 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 4000  # numbers of all such sliders: a page grows by five bytes each
-_STEP = 2.0**-36  # of the largest value of an entry: what its polynomial is rounded to
-_BEYOND = 1e-3  # of the largest entry: a slider whose tables are so far off is left out
+_MOST = 4000  # numbers of all such sliders: a page grows by six bytes each
+_STEP = 2.0**-44  # of the largest value of an entry: what its polynomial is rounded to
+# Of the largest entry: a slider whose tables are so far off is left out. What is computed by them
+# may be off by many times that, which is then still below the tolerance.
+_BEYOND = 1e-6
+_SAFE = 2.0  # told of what is found midway between nodes: elsewhere it may be more
 _SHARE = 0.5  # of the robot's mass: the largest payload
 _STRAIGHT = 1e-12  # of the largest entry: round-off of the tables
 _MOTION = ("time", "motion")  # what needs no tables of its own
@@ -303,7 +306,7 @@ def changes(
         if size > room:
             works.remove(slider)
             del done[slider.name]
-            left[slider.label] = f"the page would grow by {5e-3 * size:.0f} kB more"
+            left[slider.label] = f"the page would grow by {6e-3 * size:.0f} kB more"
         else:
             room -= size
     return Changes(tuple(works), done, pattern, left)
@@ -345,7 +348,7 @@ def _nodes(slider: Slider) -> Array:
 
 def _between(nodes: Array) -> Array:
     """Places where a polynomial through the nodes is judged."""
-    return np.asarray(0.5 * (nodes[1:] + nodes[:-1])[[0, _NODES // 2 - 1, -1]])
+    return np.asarray(0.5 * (nodes[1:] + nodes[:-1]))
 
 
 def _change(slider: Slider, at: Callable[[Slider, float], Tables]) -> Change:
@@ -387,13 +390,13 @@ def _polynomial(slider: Slider, tables: Mapping[float, Tables]) -> Change:
         e = np.flatnonzero(np.ptp(every, axis=0) > _NOTHING * size)
         if not len(e):
             continue
-        # The page adds differences, which are small: half of their digits are enough.
+        # The page adds differences, which are small: fewer digits are enough.
         first, step = every[0, e], _STEP * np.abs(every[:, e]).max(axis=0)
         rounded = np.round((every[:, e] - first) / step) * step
         entries[name], values[name] = e, rounded.ravel()
         missed = W @ rounded - (np.array([x[name][e] for x in wanted]) - first)
         error = max(error, _off(missed, 0.0 * missed, every))
-    return Change("polynomial", nodes, entries, values, error)
+    return Change("polynomial", nodes, entries, values, _SAFE * error)
 
 
 def _off(a: Array, b: Array, of: Array) -> float:

@@ -226,15 +226,20 @@ class Problem:
         if self.sampler is not None or not on:  # what a digital controller holds is not known here
             return run
         t = run.t[on]
-        inside = np.concatenate([self.path_inside(x[None]).acceleration for x in t])
-        jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
         kicked = [self._switches(x, near) for x in t]
-        jumps = np.flatnonzero((jump > _JUMP * np.abs(inside).max(initial=1e-300)) | kicked)
+        jumps = np.union1d(self.jumps(t, run.t), np.flatnonzero(kicked))
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
         for k in (on[j] for j in jumps):
             after = self.first(float(run.t[k]), run.y[k], run.v[k])
             a[k], lam[k], torque[k] = after.a, after.lam, after.torque
         return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
+
+    def jumps(self, t: Array, samples: Array) -> IntArray:
+        """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
+        inside = [self.path_inside(x[None]).acceleration[0] for x in t]
+        jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
+        largest = np.abs(self.path(samples).acceleration).max(initial=1e-300)  # many end in none
+        return np.flatnonzero(jump > _JUMP * largest)
 
     def _switches(self, t: float, near: float) -> bool:
         """Whether a load begins or ends at a time."""

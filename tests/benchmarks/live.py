@@ -41,14 +41,14 @@ def row(browser: Browser, model: str, page: Path, places: int, seed: int) -> dic
         same.append(differences(found, same_steps(mechanism, t), mechanism))
         run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
         true.append(differences(found, run, mechanism))
-        told.append([found["error"][key] / true[-1][key] for key in ("torque", "platform")])
+        told.append([found["error"][key] / true[-1][key] for key in KEYS])
         times.append(found["took"])
         tables = max(tables, found["tables"])
     pieces = browser.run("return pinflex.live.pieces")
     return {
         "same": {key: max(x[key] for x in same) for key in KEYS},
         "true": {key: max(x[key] for x in true) for key in KEYS},
-        "told": (float(np.min(told)), float(np.median(told)), float(np.max(told))),
+        "told": np.quantile(told, (0.0, 0.5, 1.0), axis=0).T.tolist(),
         "tables": tables,
         "times": {key: float(np.median([x[key] for x in times])) for key in ("torque", "error")},
         "pieces": {name: (float(np.median(x)), max(x)) for name, x in pieces.items()},
@@ -60,13 +60,16 @@ def lines(found: dict[str, Any]) -> list[str]:
     off = {
         key: ", ".join(f"{k} {x:.1e}" for k, x in found[key].items()) for key in ("same", "true")
     }
-    least, middle, most = found["told"]
+    told = ", ".join(
+        f"{key} {a:.2f} to {c:.2f} (median {b:.2f})"
+        for key, (a, b, c) in zip(KEYS, found["told"], strict=True)
+    )
     pieces = sorted(found["pieces"].items(), key=lambda x: -x[1][0])[:4]
     drawn = ", ".join(f"{name} {a:.0f} ({b:.0f})" for name, (a, b) in pieces)
     return [
         f"off the native kernel    {off['same']}",
         f"off pf.solve             {off['true']}",
-        f"told over true error     {least:.2f} to {most:.2f}, median {middle:.2f}",
+        f"told over true error     {told}",
         f"told of tables           {found['tables']:.1e}",
         "ms to torques, to all    " + ", ".join(f"{x:.0f}" for x in found["times"].values()),
         f"ms a piece of drawing    {drawn}",

@@ -6,8 +6,12 @@ apart), and `pf.solve` within a hundredth of the page's tolerance.
 Claims:
     Pages, pictures, figures
     - a page that computes takes the native kernel's steps: torques at random sliders | native
-      kernel, 1e-9 (1e-8 where tables are interpolated) | 5.0e-12, 7.0e-9, 1.3e-9 (ur5, delta,
-      3rrr, 20 places each: `python -m tests.benchmarks.live`)
+      kernel, 1e-9 (1e-8 of 3rrr) | 5.1e-12, 2.8e-10, 1.9e-9 (ur5, delta, 3rrr, 20 places each:
+      `python -m tests.benchmarks.live`)
+    - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
+      hundredth of its tolerance | all of 60, 1.27 to 14 times
+    - a drag of a slider leaves frames to the animation: CPU of any task of the page's thread |
+      50 ms | 24 ms (`python -m tests.benchmarks.frames`)
 """
 
 from __future__ import annotations
@@ -24,16 +28,18 @@ from pinflex.browser.page import live_comparison
 from pinflex.kernel.build import zig
 from pinflex.viewer.scene import build_scene
 from tests.browser.chromium import CHROMIUM, DRIVER
+from tests.browser.frames import dragged
 from tests.browser.places import apart as places_apart
 from tests.browser.places import violations
 from tests.browser.trying import TOL, differences, moved, opened, same_steps, somewhere, until
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
 # Torque and platform by the native kernel in the same steps, of their largest. Steps are the same
-# to the last digit (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. Where a
-# wall or a thickness changes, tables are interpolated, and what is told of them is their worst
-# entry. The table of delta's platform motion is made again of rounded accelerations (1.2e-10).
-SAME = {"ur5": 1e-9, "delta": 1e-8, "3rrr": 1e-8}
+# to the last digit (`recipe.GRAIN`), so that nothing but round-off differs: 1e-9 was asked. 3rrr
+# grows it most, at any setting and whether its thickness is interpolated or not: torques by 2e-9,
+# the platform by up to 3e-8 of how far it is off the rigid one (largest of 18 places).
+# The table of delta's platform motion is made again of rounded accelerations (1.2e-10).
+SAME = {"ur5": 1e-9, "delta": 1e-9, "3rrr": 1e-8}
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +65,8 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
     settings = somewhere(browser, rng)
-    # payload, speed, damping; shaper where the move stops; thickness, wall (of ur5: too many bytes)
-    assert len(settings) == 4 + (model == "delta")
+    # payload, speed, damping; shaper where the move stops; thickness, walls (of ur5: 50 kB each)
+    assert len(settings) == {"ur5": 4, "delta": 6, "3rrr": 4}[model]
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
     t = np.array(found["t"])
@@ -71,11 +77,10 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
 
     run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
     assert np.allclose(t, run.t, rtol=1e-14)
-    # What the page tells is an estimate: of sixty runs 0.09 to 0.98 of it were true, once 1.22.
     true = differences(found, run, mechanism)
-    assert true["torque"] < 1.5 * found["error"]["torque"]
-    assert true["platform"] < 1.5 * found["error"]["platform"]
-    assert true["stress"] < 5 * TOL  # of it nothing is told: forces are the second rates of poses
+    for key, error in true.items():  # torque, platform, stress
+        assert error < found["error"][key]
+    assert max(found["error"].values()) < 20 * TOL  # beyond that the page says not to judge by it
     assert browser.errors() == []
 
 
@@ -135,6 +140,17 @@ def test_sliders_answer_to_keys_and_reset(browser, pages):
     )
 
 
+@pytest.mark.parametrize("model", ["delta", "ur5", "3rrr"])
+def test_a_drag_leaves_the_animation_its_frames(model, browser, pages):
+    """No piece of what the page itself does takes 50 ms, however busy the machine is."""
+    browser.open(pages(model), "play=1", size=(1280, 800))
+    until(browser, "return !!(pinflex.live && pinflex.live.ready)")
+    found = dragged(browser, "damping", moves=30)
+    assert len(found.waits) >= 3  # new curves while it moved
+    assert found.own.max() < 50  # ms of CPU; 10 to 24 were measured
+    assert browser.run("return pinflex.sharpness.now") < 2  # at rest, in software
+
+
 def test_an_input_shaper_is_switched_on_and_off(browser, pages):
     """What it is there for: the tool rings less after the stop; and the rigid robot moves along."""
     opened(browser, pages("ur5"))
@@ -160,6 +176,17 @@ def test_an_input_shaper_is_switched_on_and_off(browser, pages):
     run = pf.solve(mechanism, level="quasistatic", samples=len(t))
     forearm = next(x for x in build_scene(run)["links"] if x["name"] == "forearm_link")
     assert np.abs(drawn - forearm["rigid"][k][0]).max() < 1e-5  # [m] single precision, of a metre
+
+
+def test_samples_on_jumps_of_the_acceleration_have_forces_just_after_them(browser, tmp_path, pages):
+    """As by the command line: stresses just before them were off by 45 % of the largest."""
+    law = ["motion.kind=trapezoid", "motion.ramp=0.1"]
+    opened(browser, pf.live_page("ur5", tmp_path / "jumps.html", law).path)
+    found = moved(browser, {"damping": 2.0, "payload": 1.0, "speed": 1.25})
+    mechanism = pf.load("ur5", [*law, *found["overrides"]])
+    same = differences(found, same_steps(mechanism, np.array(found["t"])), mechanism)
+    assert same["torque"] < SAME["ur5"]
+    assert same["stress"] < 1e-7  # single precision
 
 
 def test_sliders_of_a_comparison_change_its_coupled_run(browser, tmp_path, pages):

@@ -322,6 +322,36 @@ def test_reduced_motion_does_not_start_by_itself(browser: Browser, page: Path) -
     assert browser.run("return pinflex.state.play")
 
 
+def test_what_moves_is_drawn_as_sharply_as_there_is_time_for_and_at_rest_sharply(
+    browser: Browser, page: Path
+) -> None:
+    browser.open(page, "play=1")
+    # A browser whose clock makes each frame a hundred times as long, or as short.
+    browser.run(
+        "window.clock = 1; const real = requestAnimationFrame.bind(window);"
+        "window.requestAnimationFrame = (f) => real((now) => f(now * clock))"
+    )
+    levels = browser.run("return pinflex.sharpness.ratios")
+    assert levels[0] == 2 > levels[-1] * 5  # drawn in software: at rest four times the pixels
+    browser.run("window.clock = 100")
+    _until(browser, "pinflex.sharpness.level", len(levels) - 1)
+    assert browser.run("return pinflex.sharpness.now") == levels[-1]
+    browser.run("window.clock = 0.01")
+    _until(browser, "pinflex.sharpness.level", len(levels) - 3)
+    browser.run("pinflex.set({play: false})")
+    _until(browser, "pinflex.sharpness.now", levels[0])
+    browser.open(page, "play=1&sharp=0.5")  # asked for, it stays
+    assert browser.run("return pinflex.sharpness.ratios") == [0.5]
+
+
+def _until(browser: Browser, script: str, wanted: float) -> None:
+    for _ in range(600):
+        if browser.run(f"return {script}") == wanted:
+            return
+        time.sleep(0.05)
+    raise AssertionError((script, browser.run(f"return {script}"), wanted))
+
+
 def test_a_rigid_run_plays_without_colours(browser: Browser, tmp_path: Path) -> None:
     file = write_html(synthetic_result("rigid", samples=61), tmp_path / "rigid.html")
     browser.open(file, "t=0.05")

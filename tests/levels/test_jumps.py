@@ -22,6 +22,7 @@ import scipy.linalg
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.integrators.problem import Problem, Run
 from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import UNIT_BEAM, Body, load
 
@@ -83,14 +84,16 @@ MASS, ROTOR, STIFFNESS = 1.0, 0.5, 900.0  # kg, kg seen at the slide, N/m
 JUMPS = ((0.0, 1.0), (RAMP, -1.0), (2.0 - RAMP, -1.0), (2.0, 1.0))  # s, of SPEED / RAMP
 
 
-def sprung(folder: Path, more: str = "") -> pf.Mechanism:
+def sprung(
+    folder: Path, more: str = "", law: str = f"kind: trapezoid, ramp: {RAMP}"
+) -> pf.Mechanism:
     """A rotor that drives a mass along a slide through a spring."""
     bodies = (Body("slide", "base", "prismatic", axis=(0, 1, 0), mass=MASS),)
     drive = f"{{gear: 1, motor_inertia: {ROTOR}, stiffness: {STIFFNESS}}}"
     yaml = (
         "gravity: [0, 0, 0]\nactuated: [slide_joint]\nplatform: slide\n"
         f"joints: {{slide_joint: {{drive: {drive}}}}}\n{more}"
-        f"motion: {{kind: trapezoid, joints: {{slide_joint: 1}}, ramp: {RAMP}, duration: 2}}\n"
+        f"motion: {{{law}, joints: {{slide_joint: 1}}, duration: 2}}\n"
     )
     return load(folder, bodies, yaml)
 
@@ -117,6 +120,25 @@ def test_a_sample_on_a_jump_has_the_force_just_after_it(
         swing = MASS * (1.0 - np.cos(w * np.maximum(s, 0.0)))
         force += (s > -1e-9) * jump * SPEED / RAMP * (ROTOR + swing)
     assert np.abs(run.torque[:, 0] - force).max() < close * np.abs(force).max()
+
+
+def test_a_break_without_a_jump_leaves_the_run_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cycloid ends at rest, its acceleration none but for round-off: that is no jump."""
+    seen, plain = [], Problem.after_jumps
+
+    def watched(self: Problem, run: Run, breaks: list[float]) -> Run:
+        seen.append((run, breaks, plain(self, run, breaks)))
+        return seen[-1][2]
+
+    monkeypatch.setattr(Problem, "after_jumps", watched)
+    robot = sprung(tmp_path, law="kind: cycloid")
+    pf.solve(robot, level="coupled", tol=1e-5, until=3.0, samples=61)
+    assert seen
+    for before, breaks, after in seen:
+        assert np.abs(before.t - breaks[0]).min() < 1e-12  # a sample lies on it
+        assert after is before
 
 
 @pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them

@@ -1,5 +1,5 @@
 /* live.js: sliders in the page, whose every move is a run of its own (worker.js). */
-const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, pieces: {}};
+const live = {ready: false, settings: {}, sent: 0, shown: 0, timer: null, worker: null, rows: {}, pieces: {}, asked: {}, waits: {}};
 
 function livePanel() {
   const sliders = DATA.live.sliders.map((s) => {
@@ -80,7 +80,7 @@ function moveSliders(settings) {
 const liveSays = (text) => { $("live-status").textContent = text; };
 
 function ask() {
-  live.sent++;
+  live.asked[++live.sent] = performance.now();
   document.body.classList.add("computing");
   live.worker.postMessage({id: live.sent, settings: {...live.settings}});
 }
@@ -107,7 +107,7 @@ live.torque = (d) => {
   $("time").min = R.t[0]; $("time").max = R.t[R.t.length - 1];
   if (S.zoom) S.zoom = null;
   S.t = R.t[0] + share * (R.t[R.t.length - 1] - R.t[0]);
-  soon("plots", drawPlots);
+  soon("plots", curves);
   liveSays("shape …");
 };
 live.shape = (d) => {
@@ -144,20 +144,29 @@ live.stress = (d) => {
     const k = R.links.find((x) => x.name === c.name), f = k && k.fields.von_mises;
     if (f) c.y = Float32Array.from(R.t, (_, i) => { let m = 0; for (let j = i * f.shape[1]; j < (i + 1) * f.shape[1]; j++) m = Math.max(m, f[j]); return 1e-6 * m; });
   }
-  soon("fields", () => { for (const b of scene.links) b.fields = linkFields(b.data, R.t.length); scene.peaks = {}; });
+  soon("fields", fieldsOf(scene.links));
+};
+const fieldsOf = ([link, ...others]) => () => {     // one link a piece
+  link.fields = linkFields(link.data, R.t.length);
+  if (others.length) { soon("fields", fieldsOf(others)); return; }
+  scene.peaks = {};
   soon("colours", setColours);
   live.afresh();
 };
 live.error = (d) => {
   const worst = Math.max(...Object.values(d.error)), percent = (x) => `${digits(100 * x, 2)} %`;
-  const told = [{kind: worst > 2 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 10 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `${Object.entries(d.error).map(([what, x]) => `${what} ±${percent(x)}`).join(", ")}: what a second correction of every step changes`}];
+  const told = [{kind: worst > 4 * DATA.live.tol ? "care" : "plain", text: `time integration ±${percent(worst)}${worst > 20 * DATA.live.tol ? ": too much to judge by" : ""}`, why: `${Object.entries(d.error).map(([what, x]) => `${what} ±${percent(x)}`).join(", ")}: twice what a second correction of every step shows`}];
   if (d.told > 1e-9) told.push({kind: d.told > 1e-3 ? "care" : "plain", text: `tables ±${percent(d.told)}`, why: "tables between those that were made beforehand, of their largest entry"});
   for (const k of R.links) {
     const most = 1e-6 * maxAbs(k.fields.von_mises || [0]);
     if (k.strength > 0 && most > k.strength) told.unshift({kind: "bad", text: `${k.name} beyond yield`, why: `${digits(most)} MPa, yield ${digits(k.strength)} MPa`});
   }
   R.verdicts = told;
-  soon("verdicts", () => { showVerdicts(); layoutChanged(); });   // labels keep clear of them
+  soon("verdicts", () => {
+    const tall = $("head").offsetHeight;
+    showVerdicts();
+    if ($("head").offsetHeight !== tall) layoutChanged();   // labels keep clear of it
+  });
   soon("done", () => {
     document.body.classList.remove("computing");
     liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
@@ -166,11 +175,16 @@ live.error = (d) => {
 };
 /* What is drawn of the run, again. */
 live.afresh = () => {
-  soon("plots", drawPlots);
+  soon("plots", curves);
   soon("table", openTable);
   soon("beam", openBeam);
   soon("seek", () => seek(S.t));
 };
+function curves() {
+  const done = drawChanged();                       // torques first
+  live.waits[live.shown] ??= performance.now() - live.asked[live.shown];   // for who measures
+  if (!done) soon("plots", curves);
+}
 /* Pieces of drawing by name, each once, as many in a frame of the animation as it has time for. */
 const pieces = new Map(), SHARE = 6;                // [ms]
 function soon(name, piece) {
@@ -183,7 +197,7 @@ function somePieces() {
     pieces.delete(name);
     const began = performance.now();
     piece();
-    (live.pieces[name] = live.pieces[name] || []).push(performance.now() - began);   // for who measures
+    (live.pieces[name] = live.pieces[name] || []).push(performance.now() - began);
     if (performance.now() > until) break;
   }
   if (pieces.size) requestAnimationFrame(somePieces);

@@ -132,3 +132,25 @@ function settleBlock(equations, states, block, h) {
   const half = block.length >> 1;
   return block.length > 1 && settleBlock(equations, states, block.slice(0, half), h) && settleBlock(equations, states, block.slice(half), h);
 }
+
+/* Accelerations, multipliers and torques just after a jump of the motors' accelerations, at samples on one
+(integrators/problem.py): a step that ends there has those before. kicks: [time, acceleration of each motor]. */
+function afterJumps(equations, t, kicks, span, states) {
+  const {nq, nv, closures, rows, motors} = equations.c, {free} = equations, row = (name, width, k) => states[name].slice(k * width, (k + 1) * width);
+  for (const [at, ...held] of kicks) t.forEach((x, k) => {
+    if (Math.abs(x - at) > 1e-9 * span) return;
+    const y = row("y", nq, k), v = row("v", nv, k), a = row("a", nv, k), lam = row("lam", closures, k);
+    rows.forEach((i, m) => { a[i] = held[m]; });
+    const [M, , , J] = equations.tangent(y, v, a, lam), matrix = equations.saddle(M, J), {n, size} = matrix;
+    for (let round = 0; round < 2; round++) {       // linear: the second one for round-off
+      const [r] = equations.residuals(1, y, v, a, lam), open = closures ? equations.closureMotion(1, y, v, a) : [], b = new Float64Array(size);
+      free.forEach((i, j) => { b[j] = -r[i]; });
+      open.forEach((c, i) => { b[n + i] = -c; });
+      answer(matrix, b);
+      free.forEach((i, j) => { a[i] += b[j]; });
+      lam.forEach((c, i) => { lam[i] = c - b[n + i]; });
+    }
+    const [r] = equations.residuals(1, y, v, a, lam);
+    states.a.set(a, k * nv); states.lam.set(lam, k * closures); states.torque.set(rows.map((i) => r[i]), k * motors);
+  });
+}

@@ -84,12 +84,14 @@ class Solver {
   /* States at the samples; again() tells their error afterwards. */
   states(settings) {
     this.apply(settings);
-    const [y, v] = this.start();
-    return this.march.run(this.t, y, v);
+    const [y, v] = this.start(), {once, again, steps} = this.march.run(this.t, y, v);
+    const kicks = this.header.kicks.map(([at, ...held]) => [this.s * at, ...held.map((a) => a / this.s ** 2)]);
+    const after = (states) => { afterJumps(this.equations, this.t, kicks, this.march.span, states); return states; };
+    return {once: after(once), again: () => after(again()), steps};
   }
   /* Some of the samples (indices) of a run, with what a pose and its rates leave to be solved for. */
-  settled(found, which) {
-    const {nq, nv, closures, motors} = this.header.counts, of = found.once, h = this.march.span / Math.max(found.steps, 1), pick = (name, width) => rowsOf(of[name], width, which);
+  settled(of, steps, which) {
+    const {nq, nv, closures, motors} = this.header.counts, h = this.march.span / Math.max(steps, 1), pick = (name, width) => rowsOf(of[name], width, which);
     const some = {y: pick("y", nq), v: pick("v", nv), a: pick("a", nv), lam: pick("lam", closures), torque: pick("torque", motors)};
     settle(this.equations, Float64Array.from(which, (k) => this.t[k]), this.jumps, h, some, this.march.span);
     return some;

@@ -328,6 +328,7 @@ def _rows_of(model: pin.Model, name: str) -> list[int]:
 # seven times higher than those of the beam as described, and the section was not of this link.
 LEAST = 0.02
 _NONE = 1e-12  # of the link's mass and span: round-off
+_MASSLESS = 1e-9  # of the link's mass: what the search for the largest share leaves of it is less
 _SMALL = 1e-3  # of the link's mass: a tip mass not worth having
 _AT_END = 0.05  # of the span: a remainder so near an end rides on the end itself
 
@@ -417,9 +418,12 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
     if at_tip:
         riders.append(Rider(length, pin.Inertia(at_tip * link.mass, np.zeros(3), np.zeros((3, 3)))))
     if np.abs(rest).max() > _NONE:
-        x = _beside_the_centre(rest) * length
+        x = _beside_the_centre(rest, points) * length
         placed = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        riders.append(Rider(x, placed.actInv(_inertia(rest / scale, _NONE * link.mass))))
+        rider = placed.actInv(_inertia(rest / scale, _NONE * link.mass))
+        if rest[0, 0] <= _MASSLESS:
+            rider.lever = np.zeros(3)
+        riders.append(Rider(x, rider))
     return Split(share, spin, tuple(riders))
 
 
@@ -493,8 +497,13 @@ def _largest(A: Array, B: Array) -> float:
     return 1.0 / top if top > 0 else np.inf
 
 
-def _beside_the_centre(rest: Array) -> float:
-    """Section, as a share of the span, that is next to a remainder's centre of mass."""
+def _beside_the_centre(rest: Array, beam: Array) -> float:
+    """Section, as a share of the span, that is next to a remainder's centre of mass.
+
+    Of a remainder that only turns it is the beam's: the same wherever round-off puts its own.
+    """
     mass, moment = rest[0, 0], rest[5, 1]
-    x = float(np.clip(moment / mass, 0.0, 1.0)) if mass > _NONE else 0.0
+    if mass <= _MASSLESS:
+        mass, moment = beam[0, 0], beam[5, 1]
+    x = float(np.clip(moment / mass, 0.0, 1.0))
     return 0.0 if x < _AT_END else 1.0 if x > 1.0 - _AT_END else x

@@ -1,5 +1,9 @@
 /* bodies.js: rigid links of one run: rods, plates, meshes, and balls at joints. */
 const ballGeometry = new THREE.SphereGeometry(1, 20, 14);
+lighter(ballGeometry, Array.from({length: 70}, (_, k) => {   // every other row and column
+  const a = 42 * Math.floor(k / 10) + 2 * (k % 10), [b, c, d] = [a + 2, a + 42, a + 44];
+  return [b, a, d, a, c, d];
+}).flat());
 
 /* Where the joints of bodies and the ends of links are at three instants: what meets at all belongs together. */
 function meetings(run) {

@@ -18,6 +18,7 @@ class Chart {
   }
   draw() {
     const {x, xUnit, pick, zoom, close, label} = this.spec, [a, b] = this.spec.y, {w, h} = this;
+    this.svg?.remove();
     const svg = this.svg = el("svg", {role: "img", "aria-label": label, viewBox: `0 0 ${w} ${h}`, width: w, height: h});
     const low = close && a < b ? a : Math.min(a, 0), high = close && a < b ? b : Math.max(b, 0), top = high > low ? high : low + 1;
     let step = nice((top - low) / (h < 70 ? 2 : 3.2));

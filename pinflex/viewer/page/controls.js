@@ -90,6 +90,7 @@ function keys(e) {
 let last = null;
 function tick(now) {
   requestAnimationFrame(tick);
+  viewer.begin(now);
   if (!S.play || !R) { last = null; return; }
   if (last !== null) {
     const a = R.t[0], b = R.t[R.t.length - 1];
@@ -97,6 +98,7 @@ function tick(now) {
     if (t >= b && !S.loop) { S.play = false; t = b; showControls(); announce(); }
     else if (t > b) t = b > a ? a + ((t - a) % (b - a)) : a;
     seek(t);
+    viewer.move();                                 // in this frame
   }
   last = now;
 }

@@ -1,8 +1,9 @@
 /* export.js: pictures, films, tables and links to take away. */
-function compose(c) {                              // the drawing with its texts, on a canvas of its own
-  const from = viewer.renderer.domElement, g = c.getContext("2d"), s = from.width / from.clientWidth, ink = style("--ink");
-  c.width = from.width; c.height = from.height;
-  g.drawImage(from, 0, 0);
+/* The drawing with its texts on a canvas of its own, s pixels a pixel of the page. */
+function compose(c, s = viewer.ratios[0]) {
+  const from = viewer.renderer.domElement, g = c.getContext("2d"), ink = style("--ink");
+  c.width = Math.floor(s * from.clientWidth); c.height = Math.floor(s * from.clientHeight);
+  g.drawImage(from, 0, 0, c.width, c.height);
   g.scale(s, s);
   const text = (font, words, x, y) => { g.font = `${font} system-ui, sans-serif`; g.fillText(words, x, y); };
   g.fillStyle = ink;
@@ -83,9 +84,9 @@ function copyOld(text) {                           // where a page from a file m
   return yes;
 }
 function film() {
-  const canvas = document.createElement("canvas");
+  const canvas = document.createElement("canvas"), sharp = Math.min(devicePixelRatio, viewer.ratios[0]);
   if (!canvas.captureStream || !window.MediaRecorder) { say("this browser cannot record"); return; }
-  compose(canvas);
+  compose(canvas, sharp);
   const parts = [], recorder = new MediaRecorder(canvas.captureStream(30)), loop = S.loop;
   recorder.ondataavailable = (e) => parts.push(e.data);
   recorder.onstop = () => {
@@ -96,10 +97,10 @@ function film() {
   $("film").classList.add("on");
   const draw = () => {
     viewer.render();
-    compose(canvas);
+    compose(canvas, sharp);
     if (S.play) requestAnimationFrame(draw);
-    else { set({loop}); setTimeout(() => recorder.stop(), 300); }   // [ms] the last picture stays for a moment
+    else { viewer.recording = false; set({loop}); setTimeout(() => recorder.stop(), 300); }   // [ms] the last picture stays for a moment
   };
-  recorder.onstart = () => { seek(R.t[0]); set({loop: false, play: true}); draw(); };
+  recorder.onstart = () => { viewer.recording = true; seek(R.t[0]); set({loop: false, play: true}); draw(); };
   recorder.start();
 }

@@ -35,18 +35,39 @@ function sharpened(mesh) {
   return {position: Float32Array.from(position), normal: Float32Array.from(normals), of, index};
 }
 
+/* Fewer triangles: of the points in one cell of a grid all are the first, with the normal that is most alike. */
+const CELLS = 14;                                  // along the longest side
+function coarser({position, normal, of, index}) {
+  const n = of.length, part = (i) => position.subarray(3 * i, 3 * i + 3), low = part(0).slice(), cells = new Map(), copies = {}, out = [];
+  let most = 0;
+  for (let i = 0; i < 3 * n; i++) low[i % 3] = Math.min(low[i % 3], position[i]);
+  for (let i = 0; i < 3 * n; i++) most = Math.max(most, position[i] - low[i % 3]);
+  of.forEach((point, i) => { (copies[point] ||= []).push(i); });
+  const as = of.map((point, i) => {
+    const key = part(i).map((x, c) => Math.floor(CELLS * (x - low[c]) / most)).join(), alike = (j) => [0, 1, 2].reduce((sum, c) => sum + normal[3 * i + c] * normal[3 * j + c], 0);
+    if (!cells.has(key)) cells.set(key, point);
+    return copies[cells.get(key)].reduce((a, b) => alike(b) > alike(a) ? b : a);
+  });
+  for (let k = 0; k < index.length; k += 3) {
+    const three = [0, 1, 2].map((j) => as[index[k + j]]);
+    if (new Set(three.map((i) => of[i])).size === 3) out.push(...three);
+  }
+  return out;
+}
+
 const made = {};                                   // several runs of a robot share their meshes
 function once(kind, mesh, make) {
   const key = [kind, mesh.points.id, mesh.faces.id, mesh.centre, mesh.half].join();
   return made[key] || (made[key] = make());
 }
-const corners = (mesh) => once("corners", mesh, () => sharpened(mesh));
+const corners = (mesh) => once("corners", mesh, () => { const c = sharpened(mesh); return {...c, coarse: coarser(c)}; });
 const meshGeometry = (mesh) => once("geometry", mesh, () => geometryOf(corners(mesh)));
 function geometryOf(c) {
   const g = new THREE.BufferGeometry();
   g.setIndex(new THREE.BufferAttribute(c.index, 1));
   g.setAttribute("position", new THREE.BufferAttribute(c.position, 3));
   g.setAttribute("normal", new THREE.BufferAttribute(c.normal, 3));
+  lighter(g, c.coarse);
   return g;
 }
 
@@ -68,6 +89,7 @@ class Skin {
     this.t = new Float32Array(3 * m); this.y = new Float32Array(3 * m); this.z = new Float32Array(3 * m);
     const g = this.geometry = new THREE.BufferGeometry();
     g.setIndex(new THREE.BufferAttribute(base.index, 1));
+    lighter(g, base.coarse);
     for (const [k, size] of [["position", 3], ["normal", 3], ["uv", 2]]) {
       this[k] = new Float32Array(size * n);
       g.setAttribute(k, new THREE.BufferAttribute(this[k], size));

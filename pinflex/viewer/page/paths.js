@@ -2,7 +2,7 @@
 function makePath(run, root) {
   if (!run.track || maxAbs(run.track.deviation) + spread(run.track.rigid) <= 1e-5 * run.size) return {};
   const size = run.size, nt = run.t.length, over = (name) => inTheme(new THREE.MeshBasicMaterial({fog: false, depthTest: false, transparent: true}), name);
-  const width = 0.0009 * size, path = new Sweep(circle(width, 6), nt, over("--path")), pathRigid = new Sweep(circle(0.65 * width, 6), nt, over("--path-rigid"));
+  const width = 0.0009 * size, path = new Sweep(circle(1.1 * width, 3), nt, over("--path")), pathRigid = new Sweep(circle(0.72 * width, 3), nt, over("--path-rigid"));
   const dot = new THREE.Mesh(ballGeometry, over("--path")), pathGroup = new THREE.Group();
   [pathRigid.mesh, path.mesh, dot].forEach((mesh, i) => { mesh.renderOrder = 5 + i; });   // seen through the platform
   dot.scale.setScalar(0.005 * size);

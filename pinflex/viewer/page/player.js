@@ -120,6 +120,7 @@ function handle() {
     pixel: (name, i) => { const b = link(name); return project(b.c[3 * i], b.c[3 * i + 1], b.c[3 * i + 2]).slice(0, 2); },
     get stems() { return scene.robot.stems.map((s) => Array.from(s.c)); },
     frame: () => { viewer.render(); return true; },
+    get sharpness() { return {ratios: viewer.ratios, level: viewer.level, now: viewer.renderer.getPixelRatio()}; },
   };
 }
 start();

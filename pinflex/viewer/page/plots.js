@@ -42,21 +42,36 @@ function drawPlots() {
   const column = getComputedStyle(host).flexDirection === "column", one = innerWidth < 620 || column;
   const width = one ? host.clientWidth : host.clientWidth / Math.max(list.length, 1), x = list.length ? span() : null;
   plots = list.map((p) => {
-    const {values, shown, line} = caption(p, width), drawn = p.curves.filter(isShown).map((c) => ({...c, way: windowed(R.t, c.y)}));
-    const chart = new Chart(host, {title: p.title, unit: p.unit, x, y: rangeOf(...drawn.map((c) => c.way[1])), close: !!S.zoom, xUnit: "s", names: line,
+    const {values, shown, line} = caption(p, width);
+    const chart = new Chart(host, {title: p.title, unit: p.unit, x, y: [0, 0], close: !!S.zoom, xUnit: "s", names: line,
       pick: (t) => seek(t), zoom: zoomOf, label: `${p.title} over time, in ${p.unit}`});
     chart.values.append(...shown);
-    return {p, values, drawn, chart};
+    return {p, values, chart};
   });
   for (const {chart} of plots) chart.measure();    // all in place before any is measured, and all measured before any is drawn:
-  for (const {chart, drawn} of plots) {            // the browser lays the page out once
-    chart.draw();
-    for (const m of R.marks || []) chart.mark(m);
-    for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
-  }
+  plots.forEach(drawPlot);                         // the browser lays the page out once
   host.scrollTo(left, top);
   names()[focus]?.focus({preventScroll: true});    // just clicked, it goes on being the one
   movePlots(instant(S.t));
+}
+function drawPlot(plot) {
+  const {p, chart} = plot, drawn = p.curves.filter(isShown).map((c) => ({...c, way: windowed(R.t, c.y)}));
+  Object.assign(chart.spec, {x: span(), y: rangeOf(...drawn.map((c) => c.way[1]))});
+  chart.draw();
+  for (const m of R.marks || []) chart.mark(m);
+  for (const c of drawn.sort((c, d) => d.rigid - c.rigid)) chart.add(c.rigid ? "curve rigid" : "curve", c.colour).setAttribute("d", chart.way(...c.way));
+  plot.of = [R.t, ...p.curves.map((c) => c.y)];
+}
+/* Draw one of the plots whose curves have other values than it shows; true: none is left. */
+function drawChanged() {
+  const list = R && S.plots ? plotList() : [], curves = (p) => [R.t, ...p.curves.map((c) => c.y)];
+  if (list.length !== plots.length || list.some((p, i) => p.title !== plots[i].p.title || p.curves.length + 1 !== plots[i].of.length)) { drawPlots(); return true; }
+  const [i, ...others] = [...list.keys()].filter((k) => curves(list[k]).some((y, n) => y !== plots[k].of[n]));
+  if (i === undefined) return true;
+  plots[i].p = list[i];
+  drawPlot(plots[i]);
+  movePlots(instant(S.t));
+  return !others.length;
 }
 function movePlots(at) {
   for (const {p, chart, values} of plots) {

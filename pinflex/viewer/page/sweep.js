@@ -2,6 +2,15 @@
 const V = (x, y, z) => new THREE.Vector3(x, y, z);
 const phong = (color, more) => new THREE.MeshPhongMaterial({color, shininess: 28, specular: 0x1c1c1c, fog: false, ...more});
 
+/* Another index of a geometry, of fewer triangles, for drawings in motion (viewer.js). */
+const SIDES = 8;                                   // that a round profile has there
+function lighter(geometry, index) {
+  const fine = geometry.index;
+  geometry.setIndex(index);
+  Object.assign(geometry.userData, {fine, coarse: geometry.index});
+  geometry.setIndex(fine);
+}
+
 /* Axes of the sections along a polyline c: t along it, y as wished but square to it, z. */
 function sections(c, ys, one, count, t, y, z) {
   let tx = 1, ty = 0, tz = 0;
@@ -32,16 +41,23 @@ class Sweep {
     for (let i = 0; i < n; i++) for (const j of [i, (i + 1) % n]) this.ring.push([...o[j], ...(soft(j) ? blend(j) : face[i])]);
     this.outline = o; this.count = count; this.P = 2 * n;
     this.t = new Float32Array(3 * count); this.y = new Float32Array(3 * count); this.z = new Float32Array(3 * count);
-    const total = count * this.P + 2 * n, index = [];
-    for (let i = 0; i + 1 < count; i++) for (let e = 0; e < n; e++) {
-      const a = i * this.P + 2 * e, b = a + 1, c = b + this.P, d = a + this.P;
-      index.push(a, b, c, a, c, d);
-    }
-    const caps = THREE.ShapeUtils.triangulateShape(o.map((p) => new THREE.Vector2(p[0], p[1])), []);
-    const first = count * this.P, last = first + n;
-    for (const [a, b, c] of caps) index.push(first + a, first + c, first + b, last + a, last + b, last + c);
+    const total = count * this.P + 2 * n, first = count * this.P, last = first + n;
+    const faces = (corners, rows) => {              // between some corners of the profile, at some points of the line
+      const index = [], next = (k) => 2 * ((corners[(k + 1) % corners.length] + n - 1) % n) + 1;
+      for (let r = 0; r + 1 < rows.length; r++) corners.forEach((e, k) => {
+        const i = rows[r] * this.P, j = rows[r + 1] * this.P, [a, b, c, d] = [i + 2 * e, i + next(k), j + next(k), j + 2 * e];
+        index.push(a, b, c, a, c, d);
+      });
+      for (const ends of THREE.ShapeUtils.triangulateShape(corners.map((e) => new THREE.Vector2(...o[e])), [])) {
+        const [a, b, c] = ends.map((k) => corners[k]);
+        index.push(first + a, first + c, first + b, last + a, last + b, last + c);
+      }
+      return index;
+    };
+    const corners = o.map((_, i) => i), rows = Array.from({length: count}, (_, i) => i), apart = Math.max(1, Math.floor(n / SIDES));
     const g = this.geometry = new THREE.BufferGeometry();
-    g.setIndex(index);
+    g.setIndex(faces(corners, rows));
+    lighter(g, faces(corners.filter((i) => i % apart === 0 || !soft(i)), rows.filter((i) => i % 2 === 0 || i === count - 1)));
     for (const [k, m] of [["position", 3], ["normal", 3], ["uv", 2]]) {
       this[k] = new Float32Array(total * m);
       g.setAttribute(k, new THREE.BufferAttribute(this[k], m));

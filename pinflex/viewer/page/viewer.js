@@ -1,12 +1,20 @@
-/* viewer.js: renderer, camera and light; draws when something has changed. */
+/* viewer.js: renderer, camera and light; draws when something has changed, and as sharply as there is time for. */
 let viewer = null, soft = false;
+const SLOW = 36, FAST = 22, REST = 12;             // [ms] a frame too long, and one with time to spare; frames without a change: at rest
+const LEAST_RATIO = 0.3, RUN = 40;                 // pixels a pixel of the page in motion; frames with time to spare before more are drawn
 class Viewer {
   constructor(pane) {
+    const wish = new URLSearchParams(location.hash.slice(1)), sharp = Math.min(+wish.get("sharp") || 0, 4), still = sharp > 0 || wish.has("shots");
+    soft = bySoftware();
     this.pane = pane;
-    this.renderer = new THREE.WebGLRenderer({antialias: true});
+    this.renderer = new THREE.WebGLRenderer({antialias: still || !soft});   // in software half of the time: there a picture at rest has four times the pixels
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.renderer.domElement.setAttribute("aria-hidden", "true");
     pane.append(this.renderer.domElement);
+    const full = still ? sharp || 1 : soft ? 2 : Math.min(devicePixelRatio, 2);
+    this.ratios = [full];                          // at rest the first; in motion one of them
+    while (!still && this.ratios.at(-1) * Math.SQRT1_2 > LEAST_RATIO) this.ratios.push(this.ratios.at(-1) * Math.SQRT1_2);
+    Object.assign(this, {level: soft && !still ? this.ratios.findIndex((x) => x < 1) : 0, gaps: [], patience: RUN, row: 0, began: 0, still: REST, asked: 0, recording: false, coarse: false});
     this.scene = new THREE.Scene();
     this.scene.fog = new THREE.Fog(0xf3f6fa, 1, 10);
     this.world = new THREE.Group();                // light, grid and ground of the run shown
@@ -15,7 +23,6 @@ class Viewer {
     this.camera.up.set(0, 0, 1);
     this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.dirty());
-    this.waiting = false;
   }
   resize() {
     const w = this.pane.clientWidth, h = this.pane.clientHeight;
@@ -25,16 +32,51 @@ class Viewer {
     this.renderer.setSize(w, h);
     this.dirty();
   }
-  dirty() {
-    if (this.waiting) return;
-    this.waiting = true;
-    requestAnimationFrame(() => this.render());
+  dirty() { this.asked ||= requestAnimationFrame(() => this.move()); }
+  /* Draw a change, which others may follow; sharply when none does. */
+  move() {
+    cancelAnimationFrame(this.asked);
+    this.asked = 0;
+    if (this.recording) return;                    // each picture of a film is asked for
+    this.still = 0;
+    this.draw(this.level);
   }
-  render() {
-    this.waiting = false;
+  render() { this.draw(0); }                       // at once and sharp
+  draw(level) {
+    const ratio = this.ratios[level], coarse = ratio < 1 && level > 0;
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
+    if (this.coarse !== coarse) this.scene.traverse(({geometry: g}) => { if (g?.userData.coarse) g.setIndex(coarse ? g.userData.coarse : g.userData.fine); });
+    this.coarse = coarse;
     this.renderer.render(this.scene, this.camera);
     turnCompass();
   }
+  /* The browser begins a frame: how long those take that are drawn one after the other tells what there is time for. */
+  begin(now) {
+    const {gaps, ratios} = this, gap = now - this.began;
+    this.row = this.still === 0 ? this.row + 1 : 0;
+    this.began = now;
+    if (++this.still === REST && this.level) this.render();
+    if (this.row < 3) return;
+    gaps.push(gap);
+    const middle = gaps.slice(-5).sort((a, b) => a - b)[2];
+    if (gaps.length >= 5 && middle > SLOW) {
+      if (this.level < ratios.length - 1) this.level++;
+      else if (S.shadow && ratios.length > 1 && !this.plain) { this.plain = true; S.shadow = false; shade(); showControls(); }   // once: who wants them has them
+      if (this.rose) this.patience = Math.min(2 * this.patience, 32 * RUN);   // it had been too much
+      this.rose = false;
+      gaps.length = 0;
+    } else if (gaps.length >= this.patience) {
+      this.rose = this.level > 0 && gaps.reduce((a, b) => a + b) < FAST * gaps.length;
+      if (this.rose) this.level--;
+      gaps.length = 0;
+    }
+  }
+}
+function bySoftware() {                            // the name of what draws says so
+  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
 }
 const FOV = 32;                                    // [deg]
 
@@ -49,13 +91,10 @@ function makeViewer() {
     place();
   }).observe($("stage"));
   new ResizeObserver(() => { if (R) drawPlots(); }).observe($("plots"));   // hidden ones have no size to be drawn in
-  const gl = viewer.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
-  soft = /swiftshader|llvmpipe|software/i.test(info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "");
-  const wish = new URLSearchParams(location.hash.slice(1)), shadow = wish.get("shadow");   // still pictures ask for the best
+  const shadow = new URLSearchParams(location.hash.slice(1)).get("shadow");   // still pictures ask for the best
   S.shadow = !soft;                                // software drawing: a third to a half slower with shadows
   viewer.renderer.shadowMap.enabled = shadow ? shadow === "1" : S.shadow;
   viewer.renderer.shadowMap.type = THREE.PCFShadowMap;
-  viewer.renderer.setPixelRatio(+wish.get("sharp") > 0 ? Math.min(+wish.get("sharp"), 4) : soft ? 1 : Math.min(devicePixelRatio, 2));
   viewer.controls.addEventListener("change", () => place());
   viewer.controls.addEventListener("start", () => { cameraMoved = true; pressed(null); });
   viewer.controls.addEventListener("end", writeHash);

@@ -123,6 +123,27 @@ def test_two_motors_ride_at_the_ends_by_the_lever_rule() -> None:
     np.testing.assert_allclose(root.inertia.matrix(), motor.matrix(), atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_only_turns_rides_in_the_middle_whatever_round_off_makes_of_its_mass(
+    seed: int,
+) -> None:
+    """A rod that weighs less than its beam, with a ring about its middle: no mass is left over.
+
+    Round-off of 1e-11 of the mass put the ring 3e-6 to 1e-5 m beside, at each wall elsewhere.
+    """
+    rng = np.random.default_rng(seed)
+    bodies = (flexible_body(spec(), ("v", "w", "p"), 0.5),)
+    share = float(rng.uniform(0.5, 0.95))
+    whole = share * tree.travelling(bodies)
+    whole[3:, 3:] += np.diag([4e-3, 2e-3, 2e-3]) * whole[0, 0]
+    found = tree.split(inertia_of(whole), bodies, 0.5)
+    assert found.share == pytest.approx(share, rel=1e-9)
+    (ring,) = found.riders
+    # the middle to round-off of its own, not of what the mass left is divided by
+    assert ring.x == pytest.approx(0.25, rel=1e-14)
+    assert np.all(ring.inertia.lever == 0.0)
+
+
 def test_moments_that_no_body_has_keep_their_kinetic_energy() -> None:
     """Estimated moments may break the triangle inequality: Izz > Ixx + Iyy."""
     bodies = (flexible_body(spec(), ("v", "w", "p"), 0.5),)
