@@ -8,6 +8,8 @@ Claims:
       at every level | sum of step responses | 1e-4 by tol, 1e-3 in steps | 1.4e-7, 4.3e-4
     - equal steps of level coupled where accelerations, or torques fed forward, jump on and between
       steps: second order | sum of step responses | 1e-2; ratio above 3.5 | 9e-3; 4.0
+    - steps of the simulator with a motion whose acceleration jumps on and between them: second
+      order | sum of step responses | 4e-3; ratio above 3.5 | 2.2e-3; 4.0
 """
 
 from __future__ import annotations
@@ -117,25 +119,47 @@ def test_a_sample_on_a_jump_has_the_force_just_after_it(
     assert np.abs(run.torque[:, 0] - force).max() < close * np.abs(force).max()
 
 
+def off(run: pf.Result, drive: str) -> float:
+    """Largest error of the way of the mass, of what the spring gives way by."""
+    whole = MASS + ROTOR
+    reduced = MASS if drive == "prescribed" else MASS * ROTOR / whole
+    w, bend, way = np.sqrt(STIFFNESS / reduced), np.zeros(len(run.t)), np.zeros(len(run.t))
+    pushed = 1.0 if drive == "prescribed" else whole / ROTOR  # on what the spring holds back
+    for at, jump in JUMPS:
+        s, a = np.maximum(run.t - at, 0.0), jump * SPEED / RAMP
+        bend += a * pushed * (np.cos(w * s) - 1.0) / w**2
+        way += 0.5 * a * s**2
+    share = 1.0 if drive == "prescribed" else ROTOR / whole  # else about the centre of mass
+    mass = run.frame("slide").position[:, 1]
+    return float(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
+
+
 @pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them
 @pytest.mark.parametrize("drive", ["prescribed", "torque"])
 def test_equal_steps_of_level_coupled_feel_a_jump_where_it_is(
     drive: str, samples: int, tmp_path: Path
 ) -> None:
     """Second order in the way of the mass; felt half a step off, it was the first."""
-    whole, errors = MASS + ROTOR, []
+    errors = []
     for every in (1, 2):
         robot = sprung(tmp_path, f"solve: {{drive: {drive}}}\n")
         run = pf.solve(robot, level="coupled", until=3.0, samples=samples, dt=1.5e-3 / every)
-        reduced = MASS if drive == "prescribed" else MASS * ROTOR / whole
-        w, bend, way = np.sqrt(STIFFNESS / reduced), np.zeros(len(run.t)), np.zeros(len(run.t))
-        pushed = 1.0 if drive == "prescribed" else whole / ROTOR  # on what the spring holds back
-        for at, jump in JUMPS:
-            s, a = np.maximum(run.t - at, 0.0), jump * SPEED / RAMP
-            bend += a * pushed * (np.cos(w * s) - 1.0) / w**2
-            way += 0.5 * a * s**2
-        share = 1.0 if drive == "prescribed" else ROTOR / whole  # else about the centre of mass
-        mass = run.frame("slide").position[:, 1]
-        errors.append(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
+        errors.append(off(run, drive))
     # phase (w h)^2 w t / 12 is 2e-2 for the faster one, and 4 times as much in steps twice as long
     assert errors[1] < 1e-2 and errors[0] > 3.5 * errors[1], errors
+
+
+@pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them
+def test_steps_of_the_simulator_feel_a_jump_where_it_is(samples: int, tmp_path: Path) -> None:
+    """Second order, as the run above; with the motion taken at the end of each step the first."""
+    robot, errors = sprung(tmp_path), []
+    motion = pf.trapezoid(joints={"slide_joint": 1.0}, ramp=RAMP, duration=2.0)
+    for every in (1, 2):
+        count = every * 20 * (samples - 1)
+        dt = 3.0 / count
+        live = pf.Simulator(robot, dt=dt).reset(motion=motion).record()
+        for _ in range(count):
+            live.step(motion=motion)
+        errors.append(off(live.result(), "prescribed"))
+    # phase (w h)^2 w t / 12 is 3.8e-3, and 4 times as much in steps twice as long
+    assert errors[1] < 4e-3 and errors[0] > 3.5 * errors[1], errors
