@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.actuation.drive import motor_path
+from pinflex.actuation.drive import averaged, motor_path
 from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
@@ -85,7 +85,9 @@ class Simulator:
         where = f"{mechanism.name}: Simulator"
         _require(where, dt, integrator, iterations=iterations, tangents=tangents, every=every)
         self.dt, self._system = float(dt), mechanism.loose
-        self._dynamics = Equations(self._system, marched=True)
+        loads = self._system.loads
+        felt = replace(self._system, loads=loads.spread(dt)) if loads.timed else self._system
+        self._dynamics = Equations(felt, marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:
             by = evaluated_by(self._system, True)
             raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
@@ -100,7 +102,7 @@ class Simulator:
         limits = _stops(mechanism) if stops else None
         self._bounds = Bounds(iterations, tangents or 0, every or 0, limits)
         self._engines: dict[bool, Engine] = {}
-        self._timed = self._system.loads.timed
+        self._timed = loads.timed
         self._sensors = {
             name: placed(mechanism, name, each) for name, each in (sensors or {}).items()
         }
@@ -197,7 +199,8 @@ class Simulator:
         Args:
             torque: Of the motors at the end of the step [N m | N], shape (nm,).
             motion: Instead: their position, velocity and acceleration at its end, shape (nm,)
-                each; or a Motion, which is asked for the time at its end.
+                each; or a Motion, which is asked for the time at its end. In the step around a
+                jump of its acceleration the torque found is a mean of those beside it.
         Raises:
             DescriptionError: Numbers that are none, or not as many as motors.
             MotionError: A motor would pass a stop of its joint.
@@ -267,7 +270,8 @@ class Simulator:
             return [np.zeros(0)] * 3
         if isinstance(motion, Motion):
             path = motor_path(self.mechanism, motion, np.array([t]))
-            return path.position[0], path.velocity[0], path.acceleration[0]
+            felt = self._felt(motion, t, path.acceleration[0])
+            return path.position[0], path.velocity[0], felt
         if not isinstance(motion, tuple | list) or len(motion) != 3:
             raise DescriptionError(
                 f"{self.mechanism.name}: step: motion: give (position, velocity, acceleration) of "
@@ -275,6 +279,15 @@ class Simulator:
             )
         names = ("position", "velocity", "acceleration")
         return [self._numbers(f"motion: {n}", x) for n, x in zip(names, motion, strict=True)]
+
+    def _felt(self, motion: Motion, t: float, a: Array) -> Array:
+        """Accelerations of the motors at t (s), `a` but beside a jump: as `pf.solve` has them."""
+        around = t + self.dt * np.arange(-3.0, 4.0)
+        jumps = [switch for switch in motion.switches if abs(switch - t) <= 0.5 * self.dt]
+        if not jumps or around[0] < 0.0:
+            return a
+        values = motor_path(self.mechanism, motion, around).acceleration
+        return np.asarray(averaged(around, values, jumps)[0][3])
 
     def _engine(self, led: bool, torque: Array | Sequence[Array]) -> Engine:
         """Its steps with motors led or pushed, going on from where the simulator is.

@@ -10,6 +10,8 @@ Claims:
       steps: second order | sum of step responses | 1e-2; ratio above 3.5 | 9e-3; 4.0
     - the same of forces that come and go on and between steps, with and without the kernel | sum of
       step responses | 2e-4; ratio above 3.5 | 1.3e-4; 3.9
+    - steps of the simulator with a motion whose acceleration jumps on and between them: second
+      order | sum of step responses | 4e-3; ratio above 3.5 | 2.2e-3; 4.0
 """
 
 from __future__ import annotations
@@ -141,26 +143,32 @@ def test_a_break_without_a_jump_leaves_the_run_as_it_is(
         assert after is before
 
 
+def off(run: pf.Result, drive: str) -> float:
+    """Largest error of the way of the mass, of what the spring gives way by."""
+    whole = MASS + ROTOR
+    reduced = MASS if drive == "prescribed" else MASS * ROTOR / whole
+    w, bend, way = np.sqrt(STIFFNESS / reduced), np.zeros(len(run.t)), np.zeros(len(run.t))
+    pushed = 1.0 if drive == "prescribed" else whole / ROTOR  # on what the spring holds back
+    for at, jump in JUMPS:
+        s, a = np.maximum(run.t - at, 0.0), jump * SPEED / RAMP
+        bend += a * pushed * (np.cos(w * s) - 1.0) / w**2
+        way += 0.5 * a * s**2
+    share = 1.0 if drive == "prescribed" else ROTOR / whole  # else about the centre of mass
+    mass = run.frame("slide").position[:, 1]
+    return float(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
+
+
 @pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them
 @pytest.mark.parametrize("drive", ["prescribed", "torque"])
 def test_equal_steps_of_level_coupled_feel_a_jump_where_it_is(
     drive: str, samples: int, tmp_path: Path
 ) -> None:
     """Second order in the way of the mass; felt half a step off, it was the first."""
-    whole, errors = MASS + ROTOR, []
+    errors = []
     for every in (1, 2):
         robot = sprung(tmp_path, f"solve: {{drive: {drive}}}\n")
         run = pf.solve(robot, level="coupled", until=3.0, samples=samples, dt=1.5e-3 / every)
-        reduced = MASS if drive == "prescribed" else MASS * ROTOR / whole
-        w, bend, way = np.sqrt(STIFFNESS / reduced), np.zeros(len(run.t)), np.zeros(len(run.t))
-        pushed = 1.0 if drive == "prescribed" else whole / ROTOR  # on what the spring holds back
-        for at, jump in JUMPS:
-            s, a = np.maximum(run.t - at, 0.0), jump * SPEED / RAMP
-            bend += a * pushed * (np.cos(w * s) - 1.0) / w**2
-            way += 0.5 * a * s**2
-        share = 1.0 if drive == "prescribed" else ROTOR / whole  # else about the centre of mass
-        mass = run.frame("slide").position[:, 1]
-        errors.append(np.abs(mass - (way + share * bend)).max() / np.abs(share * bend).max())
+        errors.append(off(run, drive))
     # phase (w h)^2 w t / 12 is 2e-2 for the faster one, and 4 times as much in steps twice as long
     assert errors[1] < 1e-2 and errors[0] > 3.5 * errors[1], errors
 
@@ -189,3 +197,26 @@ def test_equal_steps_feel_a_force_where_it_comes_and_goes(
     # phase (w h)^2 w t / 12 = 4e-4 of the swing about a place twice as far, less numerical damping
     assert np.max(errors[1]) < 2e-4, errors
     assert np.all(np.array(errors[0]) > 3.5 * np.array(errors[1])), errors
+    if kernel == "1":
+        live = pf.Simulator(robot, dt=dt).record()
+        for _ in range(round(1.0 / dt)):
+            live.step(motion=pf.hold(duration=1.0))
+        way = live.result().frame("slide").position[:, 1]
+        # Newton's tolerance of 1e-7 a step, over some 20 steps of a swing
+        assert np.abs(way[:: round(0.01 / dt)] - pairs[0][0]).max() < 1e-5 * place.max()
+
+
+@pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them
+def test_steps_of_the_simulator_feel_a_jump_where_it_is(samples: int, tmp_path: Path) -> None:
+    """Second order, as the run above; with the motion taken at the end of each step the first."""
+    robot, errors = sprung(tmp_path), []
+    motion = pf.trapezoid(joints={"slide_joint": 1.0}, ramp=RAMP, duration=2.0)
+    for every in (1, 2):
+        count = every * 20 * (samples - 1)
+        dt = 3.0 / count
+        live = pf.Simulator(robot, dt=dt).reset(motion=motion).record()
+        for _ in range(count):
+            live.step(motion=motion)
+        errors.append(off(live.result(), "prescribed"))
+    # phase (w h)^2 w t / 12 is 3.8e-3, and 4 times as much in steps twice as long
+    assert errors[1] < 4e-3 and errors[0] > 3.5 * errors[1], errors

@@ -15,9 +15,9 @@
 static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 /* A tangent is replaced before the next step from a rate of contraction LATE on; or, where what a step
-   costs is bounded, behind the next ones, which get on with the old one until then, from SOON or as
-   many iterations as LONG. Steps of delta, ur5, 3rrr and hexapod then take 3.0 to 3.3 iterations
-   and 6 at the most; with .03 3.1 to 3.9 and 7. */
+   costs is bounded, behind the next ones, which get on with the old one until then: from as many
+   iterations as LONG, or more than it took before, where a new one would do better than SOON. Steps of
+   delta, ur5, 3rrr and hexapod then take 2.3 to 3.3 iterations and 6 at the most. */
 static const double LATE = 0.1, SOON = 0.01;
 enum { LONG = 4 };
 
@@ -70,7 +70,7 @@ static int assemble(const Tables *t, Alpha *m) {
   }
   /* Positions are known to 1e-15 (m, rad); as accelerations that is this much noise. */
   m->noise = 1e-15 / m->by_y * sqrt(sum);
-  m->refreshed++, m->age = 0, m->ready = 0, m->rate = 0.1, m->usual = INFINITY;
+  m->refreshed++, m->age = 0, m->ready = 0, m->fewest = -1, m->rate = 0.1, m->usual = INFINITY;
   m->band = narrow_order(m->lu, size, m->order, m->order + size);
   if (is_narrow(size, m->band))
     return narrow_factors(m->lu, size, m->order, m->band, m->narrow, m->pivot);
@@ -189,11 +189,18 @@ static int lost(const Tables *t, Alpha *m) {
   return 0;
 }
 
+/* Whether a new tangent pays after a step of i + 1 iterations with an old one. */
+static Int pays(Alpha *m, Int i) {
+  Int slower = m->fewest >= 0 && i > m->fewest;
+  if (!slower) m->fewest = i;
+  return m->rate > SOON && (slower || i >= LONG);
+}
+
 /* The next state; 0 where Newton does not get there. */
 static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, Int exact) {
   const State *x = &m->next;
   const Told told = {to->position, to->velocity, to->feed};
-  Int fresh = m->stale, taken = m->stale;
+  Int fresh = m->stale, taken = m->stale, begun = taken;
   predict(t, m, to, exact ? &m->now : &m->last);
   if (m->stale && !refresh(t, memory, m, to->scale, exact)) return lost(t, m);
   for (Int i = 0; i < m->most; i++) {
@@ -206,7 +213,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
     correct(t, m, to);
     if (converged(t, m, i, size, fresh)) {
       double level = size_of(m, x->a, m->joints->free_at);
-      m->due = m->allowed ? m->rate > SOON || i >= LONG : m->rate > LATE;
+      m->due = m->allowed ? taken == begun && pays(m, i) : m->rate > LATE;
       m->stale = m->due && !m->allowed;
       m->peak = fmax(m->peak, level);
       m->reference = fmax(level, fmax(0.9 * m->reference, 1e-3 * m->peak));

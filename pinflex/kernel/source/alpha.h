@@ -12,6 +12,7 @@ typedef struct {
   Int iterations, refreshed;           /* counts */
   Int allowed, every, age;             /* tangents of a step, steps between them (0: as it takes); since the last */
   Int due, ready;                      /* whether a tangent is wanted; whether one waits to be factored */
+  Int fewest;                          /* iterations of a step with this tangent, less one; -1: not known */
   Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */
