@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.actuation.drive import Nominal, between, nominal
+from pinflex.actuation.drive import between, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
