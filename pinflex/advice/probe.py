@@ -263,9 +263,9 @@ class Probe:
 
     @cached_property
     def base(self) -> Array:
-        """About the multipliers of the rigid motion at every step, shape (nt, rows).
+        """Multipliers of the rigid motion at every step, interpolated, shape (nt, rows).
 
-        Whatever they miss is in what the rigid motion leaves, and the deviation's own have it.
+        The load is evaluated with them: what they miss, the multipliers of the deviation have.
         """
         return self._parts[5].along(self.full.grid)
 

@@ -232,7 +232,7 @@ def full_path(
 ) -> InterpolatedPath:
     """The system along a path, interpolated whether or not that is `close`.
 
-    Its r and base are rough: what balances to them at every step is cheaper evaluated there.
+    Its r and base are rough: with that base, r is cheap to evaluate at every step.
     """
     t = line.path.t
     pieces, n = _pieces(motion, mechanism.flexible.loads, line.path, t, 1, close)
