@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     process.escape_unprintable()
     try:
         with process.ending() as end:
-            return _run(arguments)
+            return _run(arguments, ends=argv is None)
     except KeyboardInterrupt as stop:
         return _complain(str(stop) or "interrupted", end.code)
     except BrokenPipeError:
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(*_explained(error))
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], ends: bool) -> int:
     parser = build_parser(next(iter(arguments), ""))
     if not arguments:
         parser.print_help()
@@ -67,7 +67,7 @@ def _run(arguments: list[str]) -> int:
     if getattr(args, "limit", None) is not None and hasattr(args, "set"):
         args.set.append(f"limit={args.limit!r}")
     module, function = args.run
-    with process.settled():
+    with process.settled(ends):
         code: int = getattr(import_module(f"pinflex.cli.{module}"), function)(args)
     sys.stdout.flush()
     return code

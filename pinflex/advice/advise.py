@@ -274,7 +274,7 @@ class _Study:
         try:
             off = [f"flexible.{link}.{key}=false" for link, key in terms]
             less, like = self.rich.with_(*off), self.probe
-            probe = Probe(less, self.motion, like.end, like.static, like.steps - 1, like)
+            probe = Probe(less, self.motion, like.end, like.static, like)
             run = probe.nonlinear(probe.marched(1)[1])
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut(f"{what}: without it the motion runs away", {}, False)
@@ -339,7 +339,7 @@ class _Study:
     def _look(self, model: Mechanism, level: str) -> error_bars.Look:
         """A model at a level, on the instants of the probe; by a run where looks miss too much."""
         like = self.probe
-        probe = Probe(model, self.motion, like.end, like.static, like.steps - 1, like)
+        probe = Probe(model, self.motion, like.end, like.static, like)
         if level != "coupled" or not self.by_runs:
             return error_bars.look(probe, self.motion, level)
         some = error_bars.compared(probe)

@@ -481,7 +481,7 @@ def _looks(
     if not coarse and probe.steps_a_period < RESOLVED:
         raise ConvergenceError("it is long beside its third natural period")
     small = look(probe, motion, level)
-    probe = Probe(finer, motion, end, static, small.probe.steps - 1, like=small.probe)
+    probe = Probe(finer, motion, end, static, like=small.probe)
     return small, look(probe, motion)
 
 

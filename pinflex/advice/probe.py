@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.drive import between, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
@@ -228,20 +228,20 @@ class Probe:
         motion: Motion,
         end: float,
         static: bool,
-        steps: int | None = None,
         like: Probe | None = None,
     ) -> None:
-        """Its nominal motion, and the system along it."""
+        """Its nominal motion, which may be that of another probe, and the system along it."""
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
-        self.end, self.third, self.first, self._like = end, 0.0, 0.0, like
-        if steps is None:
+        self.end = end
+        if like is None:
             steps, self.third, self.first = _steps(mechanism, end)
-            self.path = self._nominal(motion, _instants(end, steps))
+            self.path = nominal(mechanism, motion, _instants(end, steps))
             if _jumps(self.path.a):
-                self.path = self._nominal(motion, _instants(end, _MOST))
+                self.path = between(mechanism, motion, self.path, _instants(end, _MOST))
         else:
-            self.path = self._nominal(motion, _instants(end, steps))
-        self.t, self._like = self.path.t, None
+            self.third, self.first = like.third, like.first
+            self.path = like.path
+        self.t = self.path.t
         self.h = float(self.t[1])
         self.dynamics = Equations(self.system)
         line = LinearPath(mechanism, self.path, dynamics=self.dynamics, whole=True)
@@ -250,11 +250,6 @@ class Probe:
         self._parts = self.full.parts
         self._workspace: Workspace = like._workspace if like is not None else Workspace()
         self.rough = self.full.missed
-
-    def _nominal(self, motion: Motion, t: Array) -> Nominal:
-        if self._like is not None and np.array_equal(self._like.t, t):
-            return self._like.path
-        return nominal(self.mechanism, motion, t)
 
     @property
     def steps(self) -> int:
@@ -268,7 +263,10 @@ class Probe:
 
     @cached_property
     def base(self) -> Array:
-        """Multipliers of the rigid motion at every step, shape (nt, rows)."""
+        """Multipliers of the rigid motion at every step, interpolated, shape (nt, rows).
+
+        The load is evaluated with them: what they miss, the multipliers of the deviation have.
+        """
         return self._parts[5].along(self.full.grid)
 
     # Marches -------------------------------------------------------------------------------
@@ -326,7 +324,7 @@ class Probe:
     @cached_property
     def _load(self) -> Array:
         """What the rigid motion leaves at every step, shape (nt, nv)."""
-        return self._parts[4].along(self.full.grid)
+        return self.dynamics.residual(self._flat, self.v0, self.a0, self.base, self.t).r
 
     @cached_property
     def _straight(self) -> Array | None:
@@ -386,12 +384,12 @@ class Probe:
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
         motors = self.system.motors
-        M, C, K, J, r, _ = self._parts
+        M, C, K, J = self._parts[:4]
         every, rows = (np.arange(n) for n in J.shape[::-1])
-        squares = [x.picked(motors, every) for x in (M, C, K)]
-        of_motors = *squares, J.picked(rows, motors), r.picked(motors)
+        of_motors = *(x.picked(motors, every) for x in (M, C, K)), J.picked(rows, motors)
         states = Response(found.d, found.v, found.a, found.lam)
-        return self._run(found, forces_along(self.full.grid, of_motors, states))
+        forces = forces_along(self.full.grid, of_motors, states)
+        return self._run(found, self._load[:, motors] + forces)
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""
@@ -400,9 +398,7 @@ class Probe:
 
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
-        still = self._none(self.steps)
-        torque = self._parts[4].picked(self.system.motors)
-        return self._run(still, torque.along(self.full.grid))
+        return self._run(self._none(self.steps), self._load[:, self.system.motors])
 
     def _none(self, steps: int) -> Deviation:
         none = np.zeros((steps, self.system.nv))

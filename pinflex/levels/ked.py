@@ -86,15 +86,15 @@ class Response(NamedTuple):
 def forces_along(
     grid: Interpolation, parts: Sequence[Varying], response: Response, every: int = 1
 ) -> Array:
-    """Forces M a + C v + K d + r - J' lam at every step, shape (nt, k): what motors give."""
-    force = np.empty((len(response.d), *parts[4].shape))
+    """Forces M a + C v + K d - J' lam at every step, shape (nt, k): what motors give beyond r."""
+    force = np.empty((len(response.d), parts[0].shape[0]))
     each = max(_WINDOW, _VALUES // max(parts[0].constant.size, 1))
     for start in range(0, len(force), each):
         s = slice(start, min(start + each, len(force)))
         steps = slice(s.start * every, s.stop * every, every)
-        M, C, K, J, r = (x.along(grid, steps) for x in parts)
+        M, C, K, J = (x.along(grid, steps) for x in parts)
         d, v, a, lam = (x[s, :, None] for x in response)
-        force[s] = r + (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
+        force[s] = (M @ a + C @ v + K @ d - J.swapaxes(1, 2) @ lam)[:, :, 0]
     return force
 
 
@@ -418,10 +418,11 @@ def _alpha(
         response.a[k] += a
         response.lam[k] += lam
     sampled = response.sampled(every)
-    square = (x.picked(motors, free) for x in (M, C, K))
-    of_motors = *square, J.picked(_every(J), motors), r.picked(motors)
-    torque = forces_along(grid, of_motors, sampled, every)
-    sampled.lam[:] += base.along(grid, slice(None, None, every))
+    at_samples = slice(None, None, every)
+    of_motors = *(x.picked(motors, free) for x in (M, C, K)), J.picked(_every(J), motors)
+    torque = r.picked(motors).along(grid, at_samples)
+    torque += forces_along(grid, of_motors, sampled, every)
+    sampled.lam[:] += base.along(grid, at_samples)
     return sampled, torque
 
 

@@ -230,14 +230,17 @@ def along(
 def full_path(
     line: LinearPath, mechanism: Mechanism, motion: Motion, close: float
 ) -> InterpolatedPath:
-    """The system along a path, interpolated whether or not that is `close`."""
+    """The system along a path, interpolated whether or not that is `close`.
+
+    Its r and base are rough: with that base, r is cheap to evaluate at every step.
+    """
     t = line.path.t
     pieces, n = _pieces(motion, mechanism.flexible.loads, line.path, t, 1, close)
     if sum(n) + len(n) > len(t):
         n = [_FEW] * len(pieces)
     if sum(n) + len(n) > len(t):
         pieces, n = PiecewiseChebyshev(float(t[0]), float(t[-1]), []), [_NODES]
-    return _interpolated(line, mechanism, motion, t, pieces, n, close, len(t))
+    return _interpolated(line, mechanism, motion, t, pieces, n, close, len(t), "MCKJ")
 
 
 def _interpolated(
@@ -249,8 +252,12 @@ def _interpolated(
     n: Sequence[int],
     close: float,
     most: float,
+    judged: str = "MCKJrb",
 ) -> InterpolatedPath:
-    """Polynomials through n + 1 nodes a piece; through more until `close`, or `most` in all."""
+    """Polynomials through n + 1 nodes a piece; through more until `close`, or `most` in all.
+
+    `judged`: matrices that are to be close, by the first letters of their names.
+    """
     known = line.path
 
     def packed(times: Array) -> Array:
@@ -266,7 +273,7 @@ def _interpolated(
     resting = set(range(len(pieces))) - _moving(pieces, known)
     also: BoolArray | None = None
     while True:
-        entries = VaryingEntries(packed, first, like, also)
+        entries = VaryingEntries(packed, first, like, also, judged)
         begin = np.split(entries.picked(first), np.cumsum(np.array(n) + 1)[:-1])
         values, missed = pieces.refined(begin, entries.at, entries.relative, close, most, resting)
         values.append(entries.picked(at_corners))
@@ -301,9 +308,11 @@ class VaryingEntries:
         first: Array,
         like: Matrices,
         also: BoolArray | None = None,
+        judged: str = "MCKJrb",
     ) -> None:
         """Find out which vary at the first nodes, beside those that are known to."""
         self._packed, self._constant = packed, first[0].copy()
+        self._judged = np.repeat([name[0] in judged for name in like._fields], 2)
         self._shapes = [x.shape for x in like]
         self._block, n = _blocks(like), 2 * len(like)
         low, high = _ends(first)
@@ -335,9 +344,9 @@ class VaryingEntries:
         return systems.take(self._entries, axis=1)
 
     def relative(self, missed: Array) -> float:
-        """Largest miss of each matrix over its size; the worst of all."""
+        """Largest miss of each matrix that is judged over its size; the worst of all."""
         far = _largest(*_ends(missed), self._block[self._entries], len(self._sizes))
-        return float(np.max(far / np.maximum(self._sizes, 1e-300), initial=0.0))
+        return float(np.max((far / np.maximum(self._sizes, 1e-300))[self._judged], initial=0.0))
 
     def parts(self, values: Array) -> list[Varying]:
         """Each matrix from the varying entries at all times, shape (size, varying)."""

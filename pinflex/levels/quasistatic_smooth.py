@@ -116,7 +116,9 @@ class Equilibria:
         fine, coarse = np.split(pieces.between(both, path.t), 2, axis=1)
         at = pieces.at_corner(path.t)
         fine[at] = coarse[at] = self._solve(path.at(at), fine[at])
-        return self._run(fine), self._run(coarse), relative(fine[:, self._ends[-1] :], path.a)
+        run = self._run(fine)  # whose rates serve both: they follow the rigid motion
+        less = replace(run, y=self._poses(path, coarse), torque=self._torque(coarse))
+        return run, less, relative(fine[:, self._ends[-1] :], path.a)
 
     def exact(self) -> Run:
         """The run with every sample balanced, from the polynomials and with tangents there."""
@@ -140,17 +142,22 @@ class Equilibria:
         d, system, n = self.dynamics, self._system, len(path.t)
         v, a = np.zeros((n, system.nv)), np.zeros((n, system.nv))
         v[:, : d.n_rigid], a[:, : d.n_rigid] = path.v, path.a
-        moved, lam, _, _ = np.split(values, self._ends, axis=1)
-        moved = moved.copy()
-        moved[:, system.motors] = 0.0
-        y = self._manifold.retract(path.straight(system.n_eta), moved)
-        return y, *self._links.rates(y, v, a), lam
+        y = self._poses(path, values)
+        return y, *self._links.rates(y, v, a), values[:, self._ends[0] : self._ends[1]]
+
+    def _poses(self, path: Nominal, values: Array) -> Array:
+        """y of packed equilibria."""
+        moved = values[:, : self._ends[0]].copy()
+        moved[:, self._system.motors] = 0.0
+        return self._manifold.retract(path.straight(self._system.n_eta), moved)
+
+    def _torque(self, values: Array) -> Array:
+        return values[:, self._ends[1] : self._ends[2]]
 
     def _run(self, values: Array) -> Run:
         system, t = self._system, self._path.t
         y, v, a, lam = self._states(self._path, values)
-        torque = values[:, self._ends[1] : self._ends[2]]
-        return Run(system, t, y, v, a, lam, torque, dict(self._counts))
+        return Run(system, t, y, v, a, lam, self._torque(values), dict(self._counts))
 
     def with_stability_warning(self, run: Run) -> Run:
         """The run with a warning where an equilibrium gives way."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from pinflex.recovery.kinematics import Samples, joint_poses, motion_of, pose_of
 from pinflex.recovery.links import forces, lines
 from pinflex.recovery.meta import ASSESSED, assess, describe, drives
 from pinflex.results.lazy import Late, plain_meta
+from pinflex.results.quantities import KEYS, Key
 from pinflex.results.result import Result
 from pinflex.rotations import cross
 from pinflex.threads import one_blas_thread
@@ -199,7 +201,7 @@ def _arrays(samples: Samples, run: Run) -> Late[Array]:
     return Late(
         _read_only(_states, run),
         {
-            ("joint", "multiplier", "eta_a"): group(_accelerations),
+            **{(one.key,): group(partial(_row, one)) for one in KEYS if one.of is not None},
             ("frame", "energy"): group(_motion),
             ("body",): group(_body_poses),
             ("loop", "reaction", "residual"): group(lambda s: s.forces.arrays),
@@ -223,11 +225,10 @@ def _read_only(find: Callable[[T], dict[str, Array]], samples: T) -> dict[str, A
     return arrays
 
 
-def _accelerations(samples: Samples) -> dict[str, Array]:
-    """What solves the equations at the samples: joint/a, eta_a, multiplier."""
-    run, nv = samples.run, int(samples.run.system.rigid.nv)
-    out = {"joint/a": run.a[:, :nv], "multiplier": run.lam}
-    return out | {"eta_a": run.a[:, nv:]} if run.system.n_eta else out
+def _row(one: Key, samples: Samples) -> dict[str, Array]:
+    """What stands under a key that says itself how it is computed."""
+    values = None if one.of is None else one.of(samples)
+    return {} if values is None else {one.key: values}
 
 
 def _states(run: Run) -> dict[str, Array]:

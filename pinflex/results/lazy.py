@@ -20,7 +20,7 @@ Groups = Mapping[tuple[str, ...], Callable[[], Mapping[str, T]]]
 class Late(Mapping[str, T]):
     """Read-only: values that are known, and others that come in groups.
 
-    A group is asked for by the head of a key ("link" of "link/distal_1/x"), or by a glob that the
+    A group is asked for by a key, by its head ("link" of "link/distal_1/x"), or by a glob that the
     whole key fits ("link/*/stress/*"), one without heads by any key that is not known. It is found
     once, also where several threads ask. Whoever lists the keys asks for all of them.
     """
@@ -61,7 +61,7 @@ class Late(Mapping[str, T]):
 
 
 def _asks(key: str, head: str) -> bool:
-    return fnmatchcase(key, head) if "*" in head else key.partition("/")[0] == head
+    return fnmatchcase(key, head) if "*" in head else head in (key, key.partition("/")[0])
 
 
 # Arrays and meta as a result keeps them: read-only, time first, plain.

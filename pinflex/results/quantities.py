@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,9 @@ class Key:
         unit: "" for none; of two kinds of components, both.
         meaning: In words.
         columns: Names of the components of an instant (at a station), where they are fixed.
+        of: From the samples of a run just solved (`Samples` of `pinflex.recovery.kinematics`, which
+            nothing here imports) to the values, computed when they are asked for; None: this run
+            has none. Of keys that do not say, `pinflex.recovery.recover` knows.
     """
 
     key: str
@@ -46,17 +49,21 @@ class Key:
     unit: str
     meaning: str
     columns: tuple[str, ...] = ()
+    of: Callable[[Any], Array | None] | None = None
 
 
 KEYS = (
     Key("joint/q", "(nt, nq)", "rad", "coordinates of the joints (m where a joint slides)"),
     Key("joint/v", "(nt, nv)", "rad/s", "rates of the joints (m/s where a joint slides)"),
-    Key("joint/a", "(nt, nv)", "rad/s^2", "accelerations of the joints (m/s^2 where one slides)"),
+    Key("joint/a", "(nt, nv)", "rad/s^2", "accelerations of the joints (m/s^2 where one slides)",
+        of=lambda s: s.run.a[:, : s.run.system.rigid.nv]),
     Key("torque", "(nt, motors)", "N m", "motor torques (N where a motor pushes)"),
-    Key("multiplier", "(nt, rows)", "N | N m", "multipliers of the closures, row by row"),
+    Key("multiplier", "(nt, rows)", "N | N m", "multipliers of the closures, row by row",
+        of=lambda s: s.run.lam),
     Key("eta", "(nt, n)", "", "elastic coordinates of links and drives, as their bases scale them"),
     Key("eta_v", "(nt, n)", "", "their rates, per second"),
-    Key("eta_a", "(nt, n)", "", "their accelerations, per second squared"),
+    Key("eta_a", "(nt, n)", "", "their accelerations, per second squared",
+        of=lambda s: s.run.a[:, s.run.system.rigid.nv :] if s.run.system.n_eta else None),
     Key("nominal/q", "(nt, nq)", "rad", "coordinates of the nominal rigid motion (level ked)"),
     Key("nominal/v", "(nt, nv)", "rad/s", "its rates"),
     Key("nominal/a", "(nt, nv)", "rad/s^2", "its accelerations"),

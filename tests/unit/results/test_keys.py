@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.recovery import recover
+from pinflex.results import quantities
 from pinflex.results.drives import DriveView
-from pinflex.results.quantities import KEYS, joint_unit, key_of, unit_of
+from pinflex.results.quantities import KEYS, Key, joint_unit, key_of, unit_of
 from pinflex.results.result import Result
 from pinflex.results.views import FrameView, JointView, LinkView, LoopView
 
@@ -101,3 +103,25 @@ def test_units_of_a_joint_that_slides() -> None:
     assert [joint_unit(key, True) for key in keys] == ["m", "m/s", "m/s^2", "N"]
     assert [joint_unit(key, False) for key in keys] == ["rad", "rad/s", "rad/s^2", "N m"]
     assert joint_unit("drive/NAME/power", True) == "W"
+
+
+def test_a_row_that_says_how_is_a_quantity_of_every_run_and_of_its_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Power of the motors, beside what the run's own torques and speeds make."""
+    power = Key(
+        "power", "(nt,)", "W", "mechanical power of the motors",
+        of=lambda s: (s.run.torque * s.run.v[:, s.run.system.motors]).sum(axis=1),
+    )  # fmt: skip
+    none = Key("absent", "(nt,)", "", "nothing that this run has", of=lambda s: None)
+    for module in (quantities, recover):
+        monkeypatch.setattr(module, "KEYS", (*KEYS, power, none))
+    key_of.cache_clear()
+    run = pf.solve("3rrr", level="ked", **SHORT)
+    own = sum(run.torque[:, k] * run.joint(name).velocity for k, name in enumerate(run.motors))
+    for result in (run, Result.load(run.save(tmp_path / "run.npz"))):
+        assert np.max(np.abs(own)) > 0.0
+        np.testing.assert_allclose(result["power"], own, rtol=1e-14)  # the same sums in any order
+        assert result.unit("power") == "W" and "absent" not in result.arrays
+    monkeypatch.undo()
+    key_of.cache_clear()

@@ -73,6 +73,15 @@ def test_equal_steps_answer_where_the_tolerance_takes_more_of_them(
 
 def test_what_is_loaded_is_collected_again_after_a_command() -> None:
     before = gc.get_freeze_count()
-    with settled():
+    with settled(ends=False):
         assert gc.get_freeze_count() > before
     assert gc.get_freeze_count() == 0
+
+
+def test_a_process_that_ends_with_its_command_collects_nothing_more() -> None:
+    try:
+        with settled(ends=True):
+            made, before = [[] for _ in range(1000)], gc.get_freeze_count()
+        assert gc.get_freeze_count() > before + 0.9 * len(made)  # a few older ones are gone
+    finally:
+        gc.unfreeze()
