@@ -153,7 +153,7 @@ MOVE = Command(
     ("motions", "run_move"),
     """
 Finds the shortest motion, from rest to rest, that keeps speed, acceleration, jerk, torque, stress
-and path limits (of the URDF, or of the options) and leaves the platform within a distance of its
+and path limits (of URDF, drives or options) and leaves the platform within a distance of its
 resting place from the end on. Linear programmes about coupled runs of the flexible robot propose
 motions until the runs themselves keep all limits. --like takes the limits of a quintic of that
 duration (six times its jerk); with --robust the same motion must leave a heavier and a lighter

@@ -18,12 +18,13 @@ from pinflex.description.motions import laws
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
-from pinflex.errors import PinflexError
+from pinflex.errors import DescriptionError, PinflexError
 from pinflex.levels.modes import modes, ringing
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.fastest import Fastest
 from pinflex.quickest.limits import RigidPath, slowness
 from pinflex.quickest.response import settled
+from pinflex.quickest.search import motors_of
 from pinflex.results.result import Result
 
 _COMMANDS = {"exact command, quintic": laws.quintic, "exact command, nonic": laws.nonic}
@@ -39,6 +40,7 @@ _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
 _TRIES = 3
 _HEARD = 2  # modes that shapers cancel, at the most
+_TOPS = np.linspace(0.4, 1.0, 7)  # of a top speed that are tried
 _STILL = 1e-6  # of their top speed, below which the motors of a command rest
 
 
@@ -79,7 +81,7 @@ def baselines(
     gain = np.abs(rigid.motor_speed(np.linspace(0.0, 1.0, 101))).max(axis=0)
     turning = gain > 0.0
     top = float(np.min(found.limits.motor_speed[turning] / gain[turning], initial=np.inf))
-    top = min(found.limits.speed, top)
+    top = _cruise(found, rigid, min(found.limits.speed, top))
     rows = []
     for kind in profiles:
         for shaper, count in _shapers(("",) if kind in _COMMANDS else shapers, len(loud)):
@@ -101,6 +103,19 @@ def baselines(
                     raise
                 (progress or (lambda line: None))(f"left out: {failed}")
     return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
+
+
+def _cruise(found: Fastest, rigid: RigidPath, top: float) -> float:
+    """Top speed of a jerk-limited profile: the best one, where motors are weaker when they turn."""
+    best = np.inf, top
+    for speed in top * _TOPS if found.limits.curves else ():
+        make = partial(_profile, "jerk-limited", found, top=speed)
+        try:
+            slower = slowness(rigid, found.limits, found.moves, make)
+        except DescriptionError:  # no acceleration is small enough for that speed
+            continue
+        best = min(best, (make(slower).duration, speed))
+    return best[1]
 
 
 def _shapers(kinds: tuple[str, ...], modes: int) -> list[tuple[str, int]]:
@@ -128,7 +143,7 @@ def _row(
         motion = make(slower)
         motion, end = _command(nominal, motion) if followed else (motion, motion.duration)
         seen = settled(nominal, motion, rest(nominal), found.band, end, period, _TOL)
-        push = float(np.max(np.abs(seen.run.torque) / found.limits.torque))
+        push = float(np.max(found.limits.push(seen.run.torque, *motors_of(nominal, seen.run))))
         if push <= 1.0 + _OVER:
             break
         room /= push

@@ -18,6 +18,7 @@ from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.quickest.curves import curves_of, reduced
 from pinflex.quickest.limits import (
     Limits,
     Profile,
@@ -28,6 +29,7 @@ from pinflex.quickest.limits import (
     slowness,
     with_jerk,
 )
+from pinflex.quickest.programme import places
 from pinflex.quickest.response import Grid, Settled, Strains, settled
 from pinflex.quickest.robustness import Off, corners, robustness, variant
 from pinflex.quickest.search import (
@@ -36,7 +38,7 @@ from pinflex.quickest.search import (
     Search,
     Task,
     end_of,
-    places,
+    motors_of,
     platform_speed,
     rigid_least,
 )
@@ -46,12 +48,11 @@ from pinflex.threads import one_blas_thread
 
 _INTERVALS = 40  # of constant jerk
 _A_PERIOD = 28  # steps that the lowest mode's period has: its phase is right to 0.5 %
-_EACH = (4, 16)  # steps in an interval
+_EACH = (8, 16)  # steps in an interval: fewer leave derivatives of higher modes 10 % off
 _PERIODS = 2.0  # of the lowest mode, that are watched after the end
 _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes little
 _ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK, _QUINTIC = 6.0, 60.0  # times a quintic's where no jerk limit is known; that of one second
-_RETRIES = 1  # of the nominal robot's search with a wide radius
 _FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
 _STEPS = 30  # at the most
 _FAR = 1.1  # of the rigid robot's least time: a longer motion is looked for from another start too
@@ -183,9 +184,10 @@ def fastest(
             rx [rad]): all move in step, along a straight line in these.
         settle: Distance [m] from where it comes to rest within which the platform stays from the
             end on; or {position: [m], speed: [m/s]} of each axis at the end alone.
-        limits: Over those of the URDF: speed, acceleration, jerk (of what moves, one number or
-            by name; jerk inf: acceleration may jump; default six times a quintic's), torque and
-            motor_speed (one number or by motor), stress (von Mises [Pa], one number or by link),
+        limits: Over those of the URDF, and beside the `limit_curve` of drives: speed,
+            acceleration, jerk (of what moves, one number or by name; jerk inf: acceleration may
+            jump; default six times a quintic's), torque and motor_speed (one number or by
+            motor), stress (von Mises [Pa], one number or by link),
             path (distance [m] of the platform from where it would rest along the way).
         robust: Shares by which payload, stiffness or friction may be off, such as {"payload":
             0.2} (or factors, [0.8, 1.2]): the same motion must leave these robots still too; limits
@@ -237,6 +239,12 @@ def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:
             f"{mechanism.name}: fastest: settle: with drive torque nothing holds the motors after "
             "the end. Give {position: ..., speed: ...} of the end alone."
         )
+    if drive == "torque" and (curves := curves_of(mechanism)):
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: joints.{curves[0].name}.drive.limit_curve: with drive "
+            "torque a motor's speed is not known beforehand. Remove it, and give limits of torque "
+            "and motor_speed."
+        )
     return drive == "torque"
 
 
@@ -282,7 +290,8 @@ def _task(
     limits = with_jerk(limits, _JERK * _QUINTIC / slow**3)
     start = fitted(smooth(slow), far, intervals, limits.jumps)
     bound = rigid_least(rigid[0], limits, start)
-    soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque)
+    soft = replace(limits, jerk=_GENTLE[0] * limits.jerk, torque=_GENTLE[1] * limits.torque,
+                   curves=reduced(limits.curves, _GENTLE[1]))  # fmt: skip
     first = rigid_least(rigid[0], soft, replace(start, duration=1.5 * slow), _ROUGH)
     rest = np.array([rest_of(x, path.end) for x, path in zip(models.values(), rigid, strict=True)])
     band = float(settle) if box is None else box[0]  # type: ignore[arg-type]
@@ -342,10 +351,10 @@ def _searched(
 
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
-    search, asked = Search(alone, grid, told), (_FIRST * close,) if many else (close, _RETRIES)
-    found = search.go(first, _STEPS, *asked)
+    search, asked = Search(alone, grid, told), _FIRST * close if many else close
+    found = search.go(first, _STEPS, asked)
     if task.box is None and (not found.kept or found.profile.duration > _FAR * bound):
-        again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, *asked)
+        again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, asked)
         found = min(found, again, key=lambda x: (not x.kept, x.profile.duration))
     if many:
         search = Search(task, grid, told, max(search.radius, RESTART))
@@ -475,6 +484,9 @@ def _active(task: Task, profile: Profile, run: Result) -> tuple[dict[str, float]
     for k, name in enumerate(task.models[0].motors):
         used[f"torque of {name}"] = np.abs(torque[:, k]) / limits.torque[k]
         used[f"speed of {name}"] = np.abs(turn[:, k]) / limits.motor_speed[k]
+    turning = motors_of(task.models[0], run, len(torque))
+    for curve in limits.curves:
+        used[f"limit_curve of {curve.name}"] = curve.used(torque, *turning)
     if task.strains is not None:
         use = task.strains.use(task.strains.states_of(run))
         used |= dict(zip(task.strains.names, use.T, strict=True))

@@ -19,6 +19,7 @@ from pinflex.errors import ConvergenceError, DescriptionError, Ending, nearest
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.quickest.curves import Curve, curves_of, reduced
 from pinflex.results.result import Result
 
 KEYS = ("speed", "acceleration", "jerk", "torque", "motor_speed", "stress", "path")
@@ -37,6 +38,7 @@ class Limits:
         motor_speed: Of each motor [rad/s | m/s], shape (nm,).
         stress: Of von Mises in each flexible link [Pa], shape (links,).
         path: Of the platform's distance from its path, where it would rest along the way [m].
+        curves: Limit curves of motors, whose last speeds are in motor_speed too.
     """
 
     speed: float
@@ -46,6 +48,13 @@ class Limits:
     motor_speed: Array
     stress: Array
     path: float = np.inf
+    curves: tuple[Curve, ...] = ()
+
+    def push(self, torque: Array, speed: Array, acceleration: Array) -> Array:
+        """Largest share of a torque limit or curve, of all motors (k, nm) each; shape (k,)."""
+        shares = [np.max(np.abs(torque) / self.torque, axis=1)]
+        shares += [curve.used(torque, speed, acceleration) for curve in self.curves]
+        return np.asarray(np.max(shares, axis=0))
 
     @property
     def strains(self) -> bool:
@@ -74,6 +83,10 @@ def limits_of(
     urdf = [known.get(name, UrdfLimits()) for name in mechanism.motors]
     torque = np.array([x.effort or np.inf for x in urdf])
     speed = np.array([x.velocity or np.inf for x in urdf])
+    curves = curves_of(mechanism)
+    top = np.full(len(speed), np.inf)
+    for curve in curves:
+        top[curve.motor] = curve.speed[-1]
     if target == "joints" and "speed" in asked:
         asked.setdefault("motor_speed", asked["speed"])
     path = {key: _along(key, asked.get(key), moves) for key in _OF_PATH}
@@ -82,9 +95,12 @@ def limits_of(
     return Limits(
         **path,
         torque=_each("torque", asked.get("torque"), mechanism.motors, torque),
-        motor_speed=_each("motor_speed", asked.get("motor_speed"), mechanism.motors, speed),
+        motor_speed=np.minimum(
+            top, _each("motor_speed", asked.get("motor_speed"), mechanism.motors, speed)
+        ),
         stress=_stress(mechanism, asked.get("stress")),
         path=np.inf if asked.get("path") is None else _number("path", asked["path"]),
+        curves=curves,
     )
 
 
@@ -333,6 +349,15 @@ class RigidPath:
         slower = -(by_v[..., 0] * v[:, None] / T + 2.0 * by_a[..., 0] * a[:, None] / T**2) / T
         return tau[..., 0], np.concatenate([by, slower[:, :, None]], axis=2)
 
+    def turning(self, B: Array, x: Array, T: float) -> tuple[Array, Array, Array]:
+        """Speeds and accelerations of the motors (k, nm), speeds by numbers and duration."""
+        s, v, a = (y[:, None] for y in B @ x)
+        first, second, _ = (y[:, self.motors] for y in self(s[:, 0]))
+        by = (first[:, :, None] * B[1][:, None] + (second * v)[:, :, None] * B[0][:, None]) / T
+        speed = first * v / T
+        by = np.concatenate([by, -speed[:, :, None] / T], axis=2)
+        return speed, (first * a + second * v**2) / T**2, by
+
     def motor_speed(self, s: Array) -> Array:
         """Of the motors by ds/dt, shape (k, nm)."""
         return np.asarray(self._first(np.clip(s, 0.0, 1.0))[:, self.motors])
@@ -355,8 +380,11 @@ def slowness(
         motion = make(slower)
         t = np.linspace(0.0, motion.duration, _LOOKED_AT)
         s, v, a = (x[:, at] / far for x in motion.evaluate(t))
-        tau, turn = rigid.torque(s, v, a)[0], rigid.motor_speed(s) * v[:, None]
-        shares = tau / limits.torque / room, turn / limits.motor_speed
+        tau, first, second = rigid.torque(s, v, a)[0], *rigid(s)[:2]
+        faster = first * a[:, None] + second * v[:, None] ** 2
+        turn, fast = (first * v[:, None])[:, rigid.motors], faster[:, rigid.motors]
+        own = replace(limits, torque=room * limits.torque, curves=reduced(limits.curves, room))
+        shares = own.push(tau, turn, fast), turn / limits.motor_speed
         along = v / limits.speed, a / limits.acceleration
         return max(float(np.max(np.abs(x))) for x in (*shares, *along))
 

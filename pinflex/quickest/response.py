@@ -184,11 +184,12 @@ class _March:
             size = float(np.linalg.norm(far))
             frame = self.mechanism.frame(str(self.mechanism.description.platform))
             here = self.dynamics.kinematics(self.y[: grid.moving])
-            J = Frame(self.dynamics.model, frame).jacobian(here)[:, :3, free]
+            J = Frame(self.dynamics.model, frame).jacobian(here)[:, :3]
             ahead = np.einsum("i,kin->kn", far / size, J)
             rate = np.zeros((grid.moving, numbers + 1))
             rate[:, :-1] = size / self.T * self.shape[1, : grid.moving]  # the rigid robot's
-            rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving, free]) / self.T
+            rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving]) / self.T
+            ahead = ahead[:, free]
         d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
         for k, now, step in self._systems(free):
             M, C, K, J = (now.M[:, free], now.C[:, free], now.K[:, free], now.J[:, free])

@@ -6,8 +6,8 @@ de la Maza 1989: successive linear programming with a merit function).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,154 +15,24 @@ import numpy as np
 from pinflex.actuation.path import motor_axes
 from pinflex.advice.solve import solve
 from pinflex.arrays import Array, BoolArray, IntArray
-from pinflex.errors import ConvergenceError
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.limits import Limits, Profile, RigidPath, basis
+from pinflex.quickest.programme import (
+    PUSH,
+    SHAKE,
+    Rows,
+    end_rows,
+    ends_by,
+    of_path,
+    places,
+    shake_rows,
+    solved,
+    torque_rows,
+)
 from pinflex.quickest.response import Grid, Response, Strains, response, states
 from pinflex.results.result import Result
-
-# One step towards the least time: a linear programme about a profile.
-#
-# Unknown are changes of the profile's numbers (in shares of what they may be), of its duration, and
-# by how much residual and torques must be let exceed their limits, if they must:
-#
-#     least dT/T + 0.3 sigma + 3 rho     within limits, rest to rest, within a radius
-
-SHAKE, PUSH = 0.3, 3.0  # what a band, and a torque limit, too much costs, in durations
-
-
-_ALONG = 1.0 - 5e-4  # of the speed: it is highest between the places that are looked at
-_BOX = 0.99  # of a box at the end that a step aims at
-_BESIDE = 1e-7  # of an interval: how far inside its ends lie
-_NEAR = 0.4  # of a torque limit, below which a step does not reach it
-
-
-@dataclass
-class Rows:
-    """Inequalities A x <= b as they come in; the last three columns are dT, sigma and rho."""
-
-    numbers: int
-    A: list[Array] = field(default_factory=list)
-    b: list[Array] = field(default_factory=list)
-
-    def both(self, by: Array, now: Array, most: Array | float, more: Array | None = None,
-             slack: int | None = None, unit: float | None = None) -> None:  # fmt: skip
-        """|now + by x| <= most + more dT (+ slack, in units or of most); by (k, numbers + 1)."""
-        for sign in (1.0, -1.0):
-            self.one(sign * by, sign * now, most, more, slack, unit)
-
-    def one(self, by: Array, now: Array, most: Array | float, more: Array | None = None,
-            slack: int | None = None, unit: float | None = None) -> None:  # fmt: skip
-        """The same on one side."""
-        some = np.broadcast_to(np.isfinite(most), now.shape)
-        rows = np.zeros((len(now), self.numbers + 3))
-        rows[:, : by.shape[1]] = by
-        if more is not None:
-            rows[:, self.numbers] -= more
-        most = np.broadcast_to(most, now.shape)
-        if slack is not None:
-            rows[:, slack] = -most if unit is None else -unit
-        self.A.append(rows[some])
-        self.b.append((most - now)[some])
-
-
-def places(profile: Profile) -> Array:
-    """u at both ends of every interval, just inside, and at quarters of it, rising."""
-    ends, long = profile.ends[:-1], np.diff(profile.ends)
-    inside = np.array([_BESIDE, 0.25, 0.5, 0.75, 1.0 - _BESIDE])
-    return np.asarray((ends[:, None] + long[:, None] * inside).ravel())
-
-
-def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> None:
-    """Speed, acceleration and jerk along the path, speeds of the motors."""
-    n, T, x = profile.n, profile.duration, profile.x
-    s, v, a = basis(profile.ends, profile.jumps, places(profile))
-    one = np.ones(len(v))
-    rows.both(v, v @ x, _ALONG * limits.speed * T, limits.speed * one)
-    rows.both(a, a @ x, limits.acceleration * T**2, 2.0 * limits.acceleration * T * one)
-    if np.isfinite(limits.jerk):
-        by = np.eye(n)
-        rows.both(by, x[:n], limits.jerk * T**3, 3.0 * limits.jerk * T**2 * np.ones(n))
-    if np.any(np.isfinite(limits.motor_speed)):
-        gain, turn = rigid.motor_speed(s @ x), rigid(s @ x)[1][:, rigid.motors]
-        for k, most in enumerate(limits.motor_speed):
-            by = gain[:, k, None] * v + (turn[:, k] * (v @ x))[:, None] * s
-            rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * one)
-
-
-def solved(
-    rows: Rows, profile: Profile, limits: Limits, radius: float, longest: float
-) -> tuple[Profile, float]:
-    """The next profile, and its cost as the programme sees it.
-
-    Raises:
-        ConvergenceError: There is none.
-    """
-    from scipy.optimize import linprog
-
-    numbers, n, T = len(profile.x), profile.n, profile.duration
-    scale = np.ones(numbers + 3)
-    jerk = limits.jerk * T**3 if np.isfinite(limits.jerk) else np.abs(profile.x[:n]).max() + n
-    scale[:n] = jerk
-    scale[n:numbers] = np.abs(profile.x[n:]).max(initial=0.0)
-    A = np.vstack(rows.A) * scale
-    E = np.zeros((3, numbers + 3))
-    E[:, :numbers] = basis(profile.ends, profile.jumps, np.array([1.0]))[:, 0]
-    e = np.array([1.0, 0.0, 0.0]) - E[:, :numbers] @ profile.x
-    cost = np.zeros(numbers + 3)
-    cost[numbers:] = 1.0 / T, SHAKE, PUSH
-    bounds = [(-radius, radius)] * numbers + [(-longest * T, longest * T), (0, None), (0, None)]
-    found = linprog(cost, A_ub=A, b_ub=np.concatenate(rows.b), A_eq=E * scale, b_eq=e,
-                    bounds=bounds, method="highs")  # fmt: skip
-    if found.status != 0:
-        raise ConvergenceError(f"fastest: the linear programme: {found.message}")
-    x = scale * found.x
-    after = Profile(profile.ends, profile.x + x[:numbers], T + x[numbers])
-    return after, 1.0 + float(cost @ found.x)
-
-
-def ends_by(by: Array, ends: Array, step: float, duration: float) -> Array:
-    """Place and speed at the end, (axes, 2), by the numbers, (axes, 2, numbers + 1).
-
-    `by`: places at the first three instants after it, which lie half a step, one and a half, and
-    two and a half behind it: a parabola goes through.
-    """
-    extrapolated = np.array([[15.0, -10.0, 3.0], [-16.0 / step, 24.0 / step, -8.0 / step]]) / 8.0
-    found: Array = np.einsum("ij,jan->ain", extrapolated, by[:3])
-    found[:, 1, -1] -= ends[:, 1] / duration  # the same places later are a slower speed
-    return found
-
-
-def end_rows(rows: Rows, by: Array, ends: Array, box: tuple[float, float], unit: float) -> None:
-    """Place and speed at the end, (axes, 2), within a box."""
-    for now, by_number in zip(ends, by, strict=True):
-        if np.any(by_number):  # what never moves along an axis has nothing to keep
-            for value, by_value, most in zip(now, by_number, box, strict=True):
-                rows.both(by_value[None], np.array([value]), _BOX * most, slack=-2,
-                          unit=unit * most)  # fmt: skip
-
-
-def shake_rows(rows: Rows, by: Array, place: Array, band: float, unit: float) -> None:
-    """|place| <= band at instants, (k, 3), by the numbers, (k, 3, numbers + 1)."""
-    size = np.linalg.norm(place, axis=1)
-    toward = place / np.maximum(size, 1e-300)[:, None]
-    for axis in range(3):
-        if np.abs(place[:, axis]).max() > 1e-6 * size.max() or np.ptp(by[:, axis]) > 0.0:
-            rows.both(by[:, axis], place[:, axis], band, slack=-2, unit=unit)
-    rows.one(np.einsum("ki,kin->kn", toward, by), size, band, slack=-2, unit=unit)
-
-
-def torque_rows(
-    rows: Rows, by: Array, torque: Array, limits: Sequence[float], within: float = 1.0
-) -> None:
-    """|torque| <= its limit at instants, (k, nm), by the numbers, (k, nm, numbers + 1)."""
-    for k, most in enumerate(limits):
-        if np.isfinite(most):
-            near = np.abs(torque[:, k]) > _NEAR * most
-            rows.both(by[near, k], torque[near, k], within * most, slack=-1)
-
 
 _ROUND = 1e-12  # of a duration: round-off
 _POINTS = 4  # in an interval, at which the rigid robot's torques are held
@@ -177,8 +47,11 @@ _FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
 _FAST = 0.9  # of it, from which that is looked at
 _CLOSE = 0.5  # of a limit of stress or path, from which a step looks at it
 _SLOWER, _HARD = 4, 1.5  # times that a first profile is slowed down for them, if they are beyond
-_BAND = 0.97  # of the band that a step aims at
+_BAND, _STILL = 0.96, 0.98  # of the band: what a step aims at; what equal steps must find
 RESTART = 0.05  # radius at the least, where a search begins anew
+_TOO_MUCH, _HELPS = 5e-4, 0.9  # of a torque limit; share of it that a dearer one must leave
+_DEARER, _DEAREST_PUSH = 2.0, 30.0  # times as dear; the most
+_CUTS, _OUT = 4, 1.01  # programmes of a step, each with rows where the last left the band
 _AFTER = 40  # instants after the end, beside peaks, that a step looks at
 _WORTH = 4.0  # of `close`: what a step hopes for that is tried again however often it fails
 _DEAREST = 0.02  # unit of shake, in bands, below which it becomes no dearer
@@ -247,7 +120,7 @@ def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = 
         return rigid.torque_by(B, p.x, p.duration)
 
     def cost(p: Profile, tau: Array) -> float:
-        over = np.max(np.abs(tau) / limits.torque)
+        over = np.max(limits.push(tau, *rigid.turning(B, p.x, p.duration)[:2]))
         return p.duration + PUSH * first.duration * max(float(over) - 1.0, 0.0)
 
     now, radius = first, _RADII[1]
@@ -257,7 +130,10 @@ def rigid_least(rigid: RigidPath, limits: Limits, first: Profile, best: float = 
         rows = Rows(len(now.x))
         of_path(rows, now, limits, rigid)
         torque_rows(rows, by, tau, limits.torque.tolist())
-        after, _ = solved(rows, now, limits, radius, _LONGEST)
+        v, a, v_by = rigid.turning(B, now.x, now.duration)
+        for curve in limits.curves:
+            curve.hold(rows, tau, by, v, v_by, a)
+        after, *_ = solved(rows, now, limits, radius, _LONGEST)
         new, new_by = torques(after)
         gain = worth - cost(after, new)
         radius = 2.0 * radius if gain > 0.0 else 0.3 * radius
@@ -296,19 +172,24 @@ class Look:
     push: float
     shake: float
 
-    def cost(self, duration: float, unit: float) -> float:
-        """What the programme has as its cost, of a duration and a unit of shake in bands."""
-        more = SHAKE * max(self.shake - 1.0, 0.0) / unit
+    def cost(self, duration: float, unit: float, dear: float) -> float:
+        """What the programme has as its cost: of a duration, a unit of shake, a price of torque."""
+        more = SHAKE * max(self.shake - self.still, 0.0) / unit
         push = max(self.push, self.strain)
         over = max(push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
-        more += PUSH * over
+        more += dear * over
         return self.profile.duration / duration + more
+
+    @property
+    def still(self) -> float:
+        """Share of the band, or of a box, that may be found."""
+        return 1.0 if self.ends.size else _STILL
 
     @property
     def kept(self) -> bool:
         """Whether limits and band are."""
         most = max(self.push, self.strain)
-        return most <= 1.0 + _OVER and self.shake <= 1.0 and self.speed <= 1.0 + _FASTER
+        return most <= 1.0 + _OVER and self.shake <= self.still and self.speed <= 1.0 + _FASTER
 
     @property
     def near(self) -> IntArray:
@@ -328,7 +209,8 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
     each = [*zip(task.models, runs, task.rest, strict=True)]
     place = np.array([_place(model, run, slice(after, None)) - x for model, run, x in each])
     torque = runs[0].torque[1:after:2]
-    push = float(np.max(np.abs(runs[0].torque[: after + 1]) / task.limits.torque))
+    turn = motors_of(task.models[0], runs[0], after + 1)
+    push = float(np.max(task.limits.push(runs[0].torque[: after + 1], *turn)))
     if task.pushed:  # what is asked of motors is known: it is largest where an interval ends
         B = basis(profile.ends, profile.jumps, places(profile))
         asked = task.rigid[0].torque_by(B, profile.x, profile.duration)[0]
@@ -350,6 +232,13 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
     strain = float(use.max(initial=0.0))
     return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed,
                 use[1:after:2], strain, push, shake)  # fmt: skip
+
+
+def motors_of(model: Mechanism, run: Result, until: int | None = None) -> tuple[Array, Array]:
+    """Speeds and accelerations of the motors at the first samples, or at all."""
+    _, v, a = states(run)
+    motors = model.flexible.motors
+    return v[:until, motors], a[:until, motors]
 
 
 def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
@@ -395,6 +284,7 @@ class Search:
         tell: Told of every step.
         radius: Of the next step, in shares of what the numbers may be.
         unit: In which shake costs, in bands: less than that of the first look by far.
+        push: What torques too much cost; dearer where that is too cheap.
     """
 
     task: Task
@@ -402,12 +292,10 @@ class Search:
     tell: Callable[[Look], None]
     radius: float = 0.05
     unit: float = 1.0
+    push: float = 1.0
 
-    def go(self, first: Profile, steps: int, close: float, retries: int = 0) -> Look:
-        """The best profile found; over when a step hopes for less than `close` of the duration.
-
-        Then it tries a wide radius again, some times: runs bend, and a small one is soon at home.
-        """
+    def go(self, first: Profile, steps: int, close: float) -> Look:
+        """The best profile found; over when a step hopes for less than `close` of the duration."""
         now = self._look(first)
         for _ in range(_SLOWER):
             if now.strain <= _HARD:
@@ -423,12 +311,12 @@ class Search:
             fresh = fresh or self._responses(now)
             new, foreseen = self._next(now, fresh, _Bent())
             slack = foreseen - 1.0 - (new.profile.duration / now.profile.duration - 1.0)
-            hoped = now.cost(T, unit) - (new.profile.duration / T + slack)
-            if now.cost(T, unit) - new.cost(T, unit) < _POOR * hoped:
+            hoped = now.cost(T, unit, self.push) - (new.profile.duration / T + slack)
+            if now.cost(T, unit, self.push) - new.cost(T, unit, self.push) < _POOR * hoped:
                 bent = self._bend(now, fresh, new)
                 again, _ = self._next(now, fresh, bent)
-                new = min(new, again, key=lambda x: x.cost(T, unit))
-            gain = now.cost(T, unit) - new.cost(T, unit)
+                new = min(new, again, key=lambda x: x.cost(T, unit, self.push))
+            gain = now.cost(T, unit, self.push) - new.cost(T, unit, self.push)
             if gain < 0.25 * hoped:
                 self.radius *= 0.3
             elif gain > 0.7 * hoped:
@@ -438,16 +326,14 @@ class Search:
             stuck = 0 if gain > 0.1 * hoped else stuck + 1
             if not stuck:
                 now, fresh = new, []
-            over = (hoped < close and now.kept) or self.radius < _RADII[0]
             near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
+            over = (hoped < close and (near or best is None)) or self.radius < _RADII[0]
             if over or (stuck > 1 and near and hoped < _WORTH * close):
                 if best is None and unit > _DEAREST:  # it stops short of the band: dearer shake
                     self.unit = unit = 0.1 * unit
                     stuck, self.radius = 0, RESTART
                     continue
-                if not retries or self.radius >= RESTART:
-                    break
-                retries, stuck, self.radius = retries - 1, 0, RESTART
+                break
         return best or now
 
     def _look(self, profile: Profile) -> Look:
@@ -519,14 +405,19 @@ class Search:
             torque_rows(rows, by, asked, most)
         else:
             by = fresh[0].torque
+            B = basis(here.ends, here.jumps, self.grid.u[: self.grid.moving])
+            v, a, v_by = task.rigid[0].turning(B, here.x, here.duration)
+            seen = now.torque
             if limits.jumps:  # a torque is largest where an interval begins or ends
-                by, torque, seen = (np.concatenate([x, _at_ends(x, self.grid.each)])
-                                    for x in (by, torque, now.torque))  # fmt: skip
-            else:
-                seen = now.torque
-            between = now.push - float(np.max(np.abs(seen) / limits.torque))
+                by, torque, seen, v, a, v_by = (
+                    np.concatenate([x, _at_ends(x, self.grid.each)])
+                    for x in (by, torque, seen, v, a, v_by)
+                )
+            between = now.push - float(np.max(limits.push(seen, v, a)))
             within = 1.0 - float(np.clip(between, _LEAST_ROOM, _ROOM))
             torque_rows(rows, by, torque, most, within)
+            for curve in limits.curves:
+                curve.hold(rows, torque, by, v, v_by, a, within)
         for one, away, at_end in zip(fresh, place, ends, strict=True):
             if task.box is None:
                 every = _instants_after(away)
@@ -536,9 +427,44 @@ class Search:
                 step = self.grid.step * here.duration
                 by = ends_by(one.platform, at_end, step, here.duration)
                 end_rows(rows, by, at_end, task.box, self.unit)
-        after, foreseen = solved(rows, here, limits, self.radius,
-                                           min(_LONGEST, self.radius))  # fmt: skip
+        for _ in range(_CUTS):
+            after, foreseen, over = self._solved(rows, here)
+            ball = (_BAND + self.unit * over[0]) * task.band
+            change = np.append(after.x - here.x, after.duration - here.duration)
+            if task.box is not None or not self._cut(rows, place, fresh, change, ball):
+                break
         return self._look(after), foreseen
+
+    def _solved(self, rows: Rows, here: Profile) -> tuple[Profile, float, tuple[float, float]]:
+        """A step; torques too much become as dear as they must be for it to give them up.
+
+        Source: steering of penalties, Byrd, Nocedal and Waltz (2008), Optim. Methods Softw. 23.
+        """
+        limits, longest = self.task.limits, min(_LONGEST, self.radius)
+        found = solved(rows, here, limits, self.radius, longest, self.push)
+        while found[2][1] > _TOO_MUCH and self.push < _DEAREST_PUSH:
+            again = solved(rows, here, limits, self.radius, longest, _DEARER * self.push)
+            if again[2][1] > _HELPS * found[2][1]:
+                break
+            self.push, found = _DEARER * self.push, again
+        return found
+
+    def _cut(
+        self, rows: Rows, place: Array, fresh: list[Response], step: Array, ball: float
+    ) -> bool:
+        """Hold |place| <= band where a step would leave the ball for its box; whether it would."""
+        cut = False
+        for one, away in zip(fresh, place, strict=True):
+            then = away + (one.platform @ step)[:, :3]
+            far = np.linalg.norm(then, axis=1)
+            at = np.flatnonzero(far > _OUT * ball)
+            at = np.intersect1d(at, _instants_after(then))
+            toward = then[at] / far[at, None]
+            rows.one(np.einsum("ki,kin->kn", toward, one.platform[at]),
+                     np.einsum("ki,ki->k", toward, away[at]), _BAND * self.task.band, slack=-2,
+                     unit=self.unit * self.task.band)  # fmt: skip
+            cut |= bool(len(at))
+        return cut
 
 
 def _instants_after(away: Array) -> IntArray:

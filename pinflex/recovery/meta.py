@@ -15,6 +15,7 @@ from pinflex.description.blocks.joints import SPEED, Drive, JointExtra
 from pinflex.integrators.problem import Run
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery import validity
 from pinflex.results.drawing import urdf_parts
@@ -44,28 +45,39 @@ def drives(mechanism: Mechanism, run: Run) -> dict[str, Array]:
 
 
 def _of(mechanism: Mechanism, run: Run, name: str, extra: JointExtra) -> dict[str, Array]:
-    drive, n = extra.drive or Drive(), (extra.drive or Drive()).gear
+    n = (extra.drive or Drive()).gear
     model, system = mechanism.rigid.rigid, run.system
     joint = model.joints[model.getJointId(name)]
     row, motor = int(joint.idx_v), mechanism.motors.index(name)
     q, v, a = _angle(run.y, int(joint.idx_q), int(joint.nq)), run.v[:, row], run.a[:, row]
-    speeds = np.zeros_like(run.v)
-    speeds[:, row] = v
-    lost = np.zeros_like(run.v)
-    lost[:, system.friction.rows] = system.friction.force(speeds)
-    inner = extra.armature * a + lost[:, row] + system.D[row, row] * v
-    given = run.torque[:, motor] - inner
+    needed, given, _ = motor_side(system, row, extra, run.torque[:, motor], v, a)
     deflection, rate = np.zeros_like(v), np.zeros_like(v)
     for gear in system.expansion.drives:
         if gear.joint == name:
             deflection = run.y[:, int(system.rigid.nq) + gear.eta]
             rate = run.v[:, int(system.rigid.nv) + gear.eta]
-    torque = (inner + given * _gain(drive, extra, given, v)) / n
+    torque = needed / n
     return {
         "motor_position": n * q, "motor_speed": n * v, "motor_torque": torque,
         "motor_power": torque * n * v, "position": q + deflection, "speed": v + rate,
         "torque": given, "power": given * (v + rate), "deflection": deflection,
     }  # fmt: skip
+
+
+def motor_side(
+    system: System, row: int, extra: JointExtra, torque: Array, v: Array, a: Array
+) -> tuple[Array, Array, Array]:
+    """Motor torque times the ratio, what the gear gives out, and c, of a torque in a joint's row.
+
+    All (nt,), as are the joint's speed and acceleration.
+    """
+    speeds, lost = np.zeros((len(v), len(system.D))), np.zeros((len(v), len(system.D)))
+    speeds[:, row] = v
+    lost[:, system.friction.rows] = system.friction.force(speeds)
+    inner = extra.armature * a + lost[:, row] + system.D[row, row] * v
+    given = torque - inner
+    gain = _gain(extra.drive or Drive(), extra, given, v)
+    return np.asarray(inner + given * gain), given, gain
 
 
 def _gain(drive: Drive, extra: JointExtra, given: Array, v: Array) -> Array:

@@ -6,6 +6,8 @@ Claims:
       4.21786651 s | 1e-4 s; 1e-6 m | 2e-6 to 3e-5 s; 9.9e-7
     - one force, one motion of the cart, for springs of 0.9 to 1.1: ends within 0.01 | matrix
       exponentials; linear programmes alone, 5.655 s | 5.70; 6.45 s | 5.66 to 5.68; 6.44
+    - least time of a mass whose motor's force falls with its speed | v = w (1 - exp(-k t)) | 1e-3 |
+      9e-5
 """
 
 import numpy as np
@@ -32,6 +34,7 @@ from pinflex.quickest.robustness import corners, varied
 from pinflex.quickest.search import Search, Task, rigid_least
 
 MASS = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+NONE = 'effort="0" velocity="0"'
 LIMIT = '<axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="1" velocity="100"/>'
 TWO = f"""<robot name="two"><link name="rail"/>
 <link name="cart"><inertial>{MASS}</inertial></link>
@@ -259,6 +262,21 @@ def test_derivatives_are_those_of_runs(two):
             assert np.abs(got - want).max() < 1e-2 * np.abs(want).max()
 
 
+def test_a_platforms_speed_by_numbers_and_duration_is_that_of_runs():
+    """A delta along x: slower, its motors turn slower too, not its legs alone."""
+    delta, far = pf.load("delta"), {"x": 0.305, "y": 0.0, "z": 0.0}
+    limits = limits_of(delta, "platform", far, {"speed": 1.9, "jerk": 4000.0})
+    path = RigidPath(delta, "platform", far, 1.0)
+    task = Task("platform", far, limits, 50e-6, (delta,), (path,), np.zeros((1, 3)))
+    search = Search(task, Grid(20, 32, 8), lambda now: None)
+    first = fitted(pf.quintic(platform=far, duration=0.27), np.array([0.305, 0, 0]), 20, False)
+    at, longer = search._look(first), 1e-3
+    new = search._look(Profile(first.ends, first.x, 0.27 + longer))
+    by = search._responses(at)[0].rate[:, -1] * longer / (0.305 * limits.speed)
+    # legs that ring are resolved by 64 steps a period: 4 %, and four times as much by 16
+    assert np.abs(new.rates - at.rates - by).max() < 5e-2 * np.abs(by).max()
+
+
 def test_robots_that_are_off_are_heavier_or_softer(two):
     """A fixed cart: f = sqrt(k/m) / 2 pi."""
     base = pf.modes(two).frequencies[0]
@@ -308,3 +326,51 @@ def test_limits_of_a_quintic_that_round_off_keeps_from_a_tolerance():
     run = pf.solve(robot, motion, level="coupled", dt=1e-4, until=0.3)
     # a run by 1e-4, and steps of a fiftieth of the first period of what they leave: 5e-3 together
     assert of_motion(robot, motion)["torque"] == pytest.approx(np.abs(run.torque).max(), rel=5e-3)
+
+
+def test_the_rigid_least_time_keeps_a_motors_curve(tmp_path):
+    """|F| <= F0 (1 - v/w): v = w (1 - exp(-k t)), k = F0 / (m w), and back the same way.
+
+    The force that brakes falls with speed too, so that the second half is the first one mirrored.
+    """
+    (tmp_path / "two.urdf").write_text(TWO.replace('effort="1" velocity="100"', NONE))
+    drive = "{drive: {drive: {gear: 10, limit_curve: [[0, 0.5], [12, 0]]}}, spring: {spring: 1}}"
+    (tmp_path / "two.yaml").write_text(YAML.replace("{spring: {spring: 1}}", drive))
+    two = pf.load(tmp_path / "two.yaml")
+    limits = limits_of(two, "joints", {"drive": 1.0}, {"jerk": np.inf})
+    assert limits.motor_speed[0] == pytest.approx(1.2)  # where the curve ends
+    first = fitted(pf.quintic(joints={"drive": 1.0}, duration=4.0), np.ones(1), 40, True)
+    found = rigid_least(RigidPath(two, "joints", {"drive": 1.0}, 1.0), limits, first)
+    force, w, mass = 5.0, 1.2, 2.0
+    k = force / mass / w
+    half = brentq(lambda t: 2.0 * (w * t - w / k * (1.0 - np.exp(-k * t))) - 1.0, 0.0, 9.0)
+    # forty intervals of linear force: second order, and a last step gains 1e-5
+    assert found.duration == pytest.approx(2.0 * half, rel=1e-3)
+
+
+@pytest.mark.parametrize("points", [
+    [[0, 0.45], [60, 0.45], [250, 0.15]],
+    [[0, 0.5], [60, 0.5], [120, 0.25], [240, 0.125]],  # of constant power: it bends up
+])  # fmt: skip
+def test_a_fastest_move_keeps_the_curves_of_its_motors(points):
+    """Motor torque and speed of the run that verifies, against the points: no use of ours."""
+    drive = f"{{gear: 50, efficiency: 0.8, limit_curve: {points}}}"
+    robot = pf.load("delta", [f"joints.motor_{k}.drive={drive}" for k in (1, 2, 3)])
+    found = pf.fastest(robot, {"x": 0.305, "y": 0.0, "z": 0.0}, settle=50e-6, close=5e-3,
+                       limits={"speed": 1.9, "jerk": 4000.0})  # fmt: skip
+    speed, torque = np.array(points).T
+    for k in (1, 2, 3):
+        d = found.runs["nominal"].drive(f"motor_{k}")
+        most = np.interp(np.abs(d.motor_speed), speed, torque)
+        # 0.3 % of the peak is what a search lets a run be over, and as much between its instants
+        assert (np.abs(d.motor_torque) - most).max() < 6e-3 * max(torque)
+    assert max(found.holds, key=found.holds.__getitem__) == "limit_curve of motor_1"
+
+
+def test_a_curve_and_motors_that_push_are_refused(tmp_path):
+    (tmp_path / "two.urdf").write_text(TWO)
+    curve = "{drive: {drive: {limit_curve: [[0, 1], [9, 0]]}}, spring: {spring: 1}}"
+    (tmp_path / "two.yaml").write_text(YAML.replace("{spring: {spring: 1}}", curve))
+    with pytest.raises(pf.DescriptionError, match=r"joints\.drive\.drive\.limit_curve"):
+        pf.fastest(tmp_path / "two.yaml", {"drive": 1.0}, drive="torque",
+                   settle={"position": 0.1, "speed": 0.1})  # fmt: skip
