@@ -5,6 +5,9 @@ Claims:
     - a block on a bushing: deflection K^-1 w, six frequencies, damped ringing; spring and friction
       in a four-bar's closing pin | closed forms, scipy's eigh and expm; power of spring and
       friction; 1e-5, 1e-9, 1e-8 | passes
+    - a guide that yields across and in tilt: frequencies and damped ringing wherever its slider is,
+      F / k across it, torques of the ideal guide as it stiffens | closed forms; expm; level rigid;
+      1e-9, 1e-5, 1e-8, order 1 within 1e-3 | passes
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ Claims:
       the plain reference | 1e-9; 1e-12, tangents 1e-7 | passes
     - bouncing ball, mass between two stops, 1000 bounces without loss, bounces without end, rest on
       a stop | closed forms | 1e-10 of instants, impulses, losses; 1e-11 of the energy | 2e-13
+    - blows of an arm on a crank that follows its motion: energy with what the motor puts in |
+      conservation; M_cj / M_jj of the impulse | 1e-7 | passes
 """
 
 from __future__ import annotations
