@@ -194,6 +194,11 @@ def test_a_guide_yields_across_and_in_tilt(
     square += [TURN / INERTIA[0]] if "turn" in held else []
     exact = np.sqrt(np.sort([*[0.0] * free, *square])) / (2 * np.pi)
     np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-4)
+    for pair in (["world", "carriage"], ["carriage", "world"]):
+        turned = carriage(tmp_path, f"kind: {kind}, stiffness: {{{given}}}").with_(
+            {"loops.guide.between": pair}
+        )
+        np.testing.assert_allclose(pf.modes(turned).frequencies, exact, rtol=1e-9, atol=1e-4)
     # Directions that are left out stay held.
     stiff = pf.modes(carriage(tmp_path, f"kind: {kind}, stiffness: {{across: {ACROSS}}}"))
     assert len(stiff.frequencies) == free + 2

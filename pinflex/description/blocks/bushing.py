@@ -58,10 +58,10 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
         if not isinstance(spec, dict) or not resists(spec):
             continue
         loop = schema.Block(spec, schema.at(block.at("loops"), name))
-        pair = _ends(loop, tree)
+        pair, ground = _ends(loop, tree)
         made: list[tuple[str, list[_Joint], str]] = []
         if isinstance(spec.get("stiffness"), Mapping) and spec.get("kind") != BUSHING:
-            side = 0 if pair[1] == WORLD and WORLD not in tree.links else 1
+            side = 0 if pair[1] == ground else 1
             made.append((pair[side], _bearing(name, loop), f"{name}{_MADE}_bearing"))
             pair[side] = made[0][2]
             kept = {k: v for k, v in spec.items() if k != "stiffness"}
@@ -70,7 +70,7 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
             spec = {**kept, "between": pair}
         if resists(spec):
             loop = schema.Block(spec, loop.where)
-            if pair[0] == WORLD and WORLD not in tree.links:
+            if pair[0] == ground:
                 pair.reverse()
             chain, weld = _chain(name, loop)
             made.append((pair[0], chain, f"{name}{_MADE}_end"))
@@ -101,11 +101,12 @@ class _Joint(NamedTuple):
     extra: dict[str, Any]
 
 
-def _ends(block: schema.Block, tree: Source) -> list[str]:
-    """The frames."""
+def _ends(block: schema.Block, tree: Source) -> tuple[list[str], str | None]:
+    """The frames, and what the ground is called; None: it is no end."""
     pair = schema.items(block.get("between"), block.at("between"), 2)
     grounded = "at" in block or (WORLD not in tree.links and WORLD in pair)
-    return [*ends(pair, block.at("between"), tree, grounded)]
+    found = [*ends(pair, block.at("between"), tree, grounded)]
+    return found, WORLD if grounded else None
 
 
 def _require_new(
