@@ -275,7 +275,7 @@ def test_a_force_across_a_guide_and_guides_that_stiffen(tmp_path: Path) -> None:
         ("kind: prismatic, damping: {across: 1}", "is not a number"),
         ("kind: prismatic, stiffness: {across: 1}, rest: 1", "there is no spring"),
         ("kind: bushing, stiffness: {across: 1}", "is not a list"),
-        ("kind: planar, clearance: 50 um, pin: 5 mm, stiffness: {across: 1}", "no such key"),
+        ("kind: planar, clearance: 50 um, pin: 5 mm, stiffness: {across: 1}", "held by contact"),
         ("kind: bushing, stiffness: [1, 2, 3], friction: 1", "no meaning for the kind bushing"),
     ],
 )

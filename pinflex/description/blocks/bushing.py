@@ -58,6 +58,8 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
         if not isinstance(spec, dict) or not resists(spec):
             continue
         loop = schema.Block(spec, schema.at(block.at("loops"), name))
+        text = "a joint with clearance is held by contact. Remove this, or the clearance."
+        loop.only({*RESIST} - {"friction"} if loop.get("clearance") is not None else (), text)
         pair, ground = _ends(loop, tree)
         made: list[tuple[str, list[_Joint], str]] = []
         if isinstance(spec.get("stiffness"), Mapping) and spec.get("kind") != BUSHING:
