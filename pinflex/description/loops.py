@@ -187,7 +187,8 @@ def resists(spec: Mapping[str, Any]) -> bool:
     """
     if spec.get("kind") == BUSHING:
         return True
-    return spec.get("clearance") is None and any(spec.get(key) is not None for key in RESIST)
+    loose = spec.get("clearance") is not None
+    return any(spec.get(key) is not None and not (loose and key == "friction") for key in RESIST)
 
 
 def read_loops(value: object, where: str, urdf: Source) -> tuple[Loop, ...]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import ConvergenceError, Ending
+from pinflex.errors import ConvergenceError, Ending, SceneError
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
@@ -48,6 +48,7 @@ class Events:
         self._name, self._problem, self._evaluator = name, problem, evaluator
         self.kinks = problem.dynamics.system.kinks
         self.found: list[Event] = []
+        self._given: list[tuple[float, float]] = []  # s, J: what motors put in at a bounce
         self._fastest = np.zeros(len(self.kinks.rows))
         self._usual: dict[tuple[int, int], float] = {}
         self._still, self._last = 0, -np.inf
@@ -64,7 +65,17 @@ class Events:
                 piece -= 1
             if row.restitution >= 0.0:
                 piece = row.free
+                self._require_within(row.name, float(x[k]), self.kinks.ends(k, piece))
             march.piece[k], march.hit[k] = piece, 0.0
+
+    def _require_within(self, what: str, x: float, ends: tuple[float, float]) -> None:
+        if ends[0] - _MEETS * (1.0 + abs(ends[0])) <= x <= ends[1] + _MEETS * (1.0 + abs(ends[1])):
+            return
+        beyond = max(ends[0] - x, x - ends[1])
+        raise SceneError(
+            f"{self._name}: the run starts {beyond:.3g} (rad or m) beyond the {what}, which is "
+            "rigid. Start within it (`home`), or give the stop `stiffness`."
+        )
 
     def met(self, march: MarchKernel) -> None:
         """Change the piece of the law that the last step has come to the end of, or bounce."""
@@ -103,7 +114,8 @@ class Events:
         before = N @ march.v
         self._fastest[laws] = np.maximum(self._fastest[laws], -before)
         e = np.array([rows[j].restitution for j in laws])
-        faint = rests | ((e < 1.0) & (-before <= _FAINT * self._fastest[laws]))
+        least = np.where(e > 0.0, _FAINT, 1.0)  # of no restitution none bounces
+        faint = rests | ((e < 1.0) & (-before <= least * self._fastest[laws]))
         e[faint] = 0.0
         move = self._moves(march.y, N)
         G = N @ move
@@ -114,8 +126,13 @@ class Events:
                 ending=Ending.STOPS_A_MOTOR,
             )
         p = _impulses(G, -(1.0 + e) * before)
+        old = march.v.copy()
         march.v[...] += move @ p
         after = N @ march.v
+        lost = -float(p @ (before + after)) / 2.0
+        M = self._problem.dynamics.mass(march.y)
+        gained = 0.5 * float((march.v + old) @ M @ (march.v - old))
+        self._given.append((t, gained + lost))
         for i, j in enumerate(laws):
             stays = faint[i] and (p[i] > 0.0 or j == k)
             march.piece[j] = rows[j].free + (met[j] if stays else 0)
@@ -166,12 +183,18 @@ class Events:
         move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
         return move
 
-    def losses(self, t: Array) -> Array:
-        """Energy that bounces have taken up to times t (nt,), J."""
-        when = np.array([event.time for event in self.found])
-        each = np.concatenate([[0.0], np.cumsum([event.loss for event in self.found])])
-        upto: IntArray = np.searchsorted(when, t, side="right")
-        return np.asarray(each[upto])
+    def works(self, t: Array) -> Array:
+        """Energy that motors which follow their motion have put in at bounces, and that these have
+        taken, up to times t (nt,), J, shape (nt, 2).
+        """
+        lost = [(event.time, event.loss) for event in self.found]
+        return np.stack([_upto(t, each) for each in (self._given, lost)], axis=1)
+
+
+def _upto(t: Array, each: list[tuple[float, float]]) -> Array:
+    when, much = np.array(each).reshape(-1, 2).T
+    of: IntArray = np.searchsorted(when, t, side="right")
+    return np.asarray(np.concatenate([[0.0], np.cumsum(much)])[of])
 
 
 def _impulses(G: Array, wanted: Array) -> Array:

@@ -506,7 +506,7 @@ def _with_events(run: Run, events: Events) -> Run:
         settings["clearances"] = gaps
     work = None if run.work is None else run.work.copy()
     if work is not None:
-        work[:, 1] += events.losses(run.t)
+        work += events.works(run.t)
     return replace(run, settings=settings, work=work)
 
 

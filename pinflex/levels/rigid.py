@@ -151,7 +151,8 @@ def accept(
 ) -> Run:
     """The run: the motion with what balances it."""
     lam, torque = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    said, system = tuple(filter(None, [sharing(mechanism)])), mechanism.rigid
+    system = mechanism.rigid
+    said = tuple(filter(None, [sharing(mechanism), *system.kinks.passed(path.t, path.q)]))
     states = path.t, path.q, path.v, path.a, lam, torque
     run = Run(system, *states, {"steps": len(path.t)}, warnings=said)
     if not isinstance(mechanism.description.share, Tension):

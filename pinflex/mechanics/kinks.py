@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 FROM = -1e300  # where first pieces begin
 RINGS = 1e5  # rad/s: of what rests on a rigid stop
+_BEYOND = 1e-6  # rad or m beyond a rigid stop that something is said of
 _RIGID = 1e9  # N/m or N m/rad, of rigid stops at rest
 
 
@@ -142,6 +143,21 @@ class Kinks:
         energy = self.energy[k][p] + force * d + held * deep / (n + 1.0)
         slope = n * k_ * deep ** (n - 1.0)
         return Pull(force + np.sign(d) * held + c * rate, slope, c, energy, c * rate**2)
+
+    def passed(self, t: Array, Y: Array) -> list[str]:
+        """What is said of rigid stops of joints that states Y (nt, nq) at times t lie beyond."""
+        said = []
+        for k in self.of_coordinates:
+            row = self.rows[k]
+            x, (low, high) = self.position(k, Y), self.ends(k, row.free)
+            beyond = np.maximum(low - x, x - high)
+            if row.restitution >= 0.0 and np.any(beyond > _BEYOND):
+                said.append(
+                    f"the motion leads {beyond.max():.3g} (rad or m) beyond the {row.name}, first "
+                    f"at t = {t[np.argmax(beyond > _BEYOND)]:.4g} s: a rigid stop forbids that, "
+                    "and torques there mean nothing."
+                )
+        return said
 
     def ends(self, k: int, piece: int) -> tuple[float, float]:
         """Where a piece of law k begins and ends."""

@@ -32,6 +32,7 @@ from pinflex.levels.rigid import solve_rigid
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
 from pinflex.mechanics.evaluation.equations import Equations, Followed
+from pinflex.mechanics.kinks import made
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
@@ -48,8 +49,13 @@ def rigid_torques(
     """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
 
     Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
-    interpolant. Zero where its motors do not determine its motion.
+    interpolant. Zero where its motors do not determine its motion. Without rigid stops: what feeds
+    torques forward knows nothing of these.
     """
+    system = mechanism.rigid
+    if system.kinks.rigid:
+        open_ended = made([row for row in system.kinks.rows if row.restitution < 0.0])
+        mechanism = replace(mechanism, rigid=replace(system, kinks=open_ended))
 
     def exact(t: Array) -> Array:
         times, at = np.unique(t, return_inverse=True)

@@ -55,6 +55,10 @@ ball: {type: universal, axes: [x, q]}
 """.splitlines()
 LOOPS = """\
 pin: {kind: weld, between: [rod_tip, plate], axis: z}
+pin: {kind: prismatic, between: [rod_tip, plate], stiffness: {along: 1e5}}
+pin: {kind: prismatic, between: [rod_tip, plate], stiffness: {across: 0}}
+pin: {kind: distance, between: [rod_tip, plate], stiffness: {across: 1e5}}
+pin: {kind: planar, between: [rod_tip, plate], stiffness: 1e5}
 pin: {kind: spherical, between: [rod_tip, plate], axis: z}
 pin: {kind: revolute, between: [rod_tip, plate], axis_b: z}
 pin: {kind: revolute, between: [rod_tip, plate], length: 1}

@@ -5,6 +5,9 @@ Claims:
     - a block on a bushing: deflection K^-1 w, six frequencies, damped ringing; spring and friction
       in a four-bar's closing pin | closed forms, scipy's eigh and expm; power of spring and
       friction; 1e-5, 1e-9, 1e-8 | passes
+    - a guide that yields across and in tilt: frequencies and damped ringing wherever its slider is,
+      F / k across it, torques of the ideal guide as it stiffens | closed forms; expm; level rigid;
+      1e-9, 1e-5, 1e-8, order 1 within 1e-3 | passes
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from scipy.linalg import eigh, expm
 
 import pinflex as pf
 from pinflex.arrays import Array
+from tests.finite import slope
 from tests.scenes import Body, load
 
 MASS, COM, INERTIA = 2.0, np.array([0.1, 0.02, -0.03]), np.array([0.01, 0.02, 0.03])
@@ -157,6 +161,104 @@ def test_a_spring_and_friction_in_the_pin_that_closes_a_four_bar(tmp_path: Path)
     np.testing.assert_allclose(added, exact[some], rtol=1e-8, atol=1e-9 * np.abs(exact).max())
 
 
+CARRIAGE = Body("carriage", "base", "floating", mass=MASS, inertia=tuple(INERTIA.tolist()))
+ACROSS, TILT, TURN = 3e5, 200.0, 50.0
+
+
+def carriage(folder: Path, loop: str, more: str = "") -> pf.Mechanism:
+    return load(
+        folder,
+        [CARRIAGE],
+        f"""
+gravity: [0, 0, 0]
+actuated: []
+home: {{carriage_joint: [0.7, 0, 0, 0, 0, 0, 1]}}
+loops: {{guide: {{between: [base, carriage], axis: x, {loop}}}}}
+platform: carriage
+{more}""",
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "held", "free"),
+    [("prismatic", ("across", "tilt", "turn"), 1), ("cylindrical", ("across", "tilt"), 2)],
+)
+def test_a_guide_yields_across_and_in_tilt(
+    kind: str, held: tuple[str, ...], free: int, tmp_path: Path
+) -> None:
+    """0.7 m from the middle of the rail: sqrt(k / m) twice, sqrt(k / I) about each axis."""
+    k = {"across": ACROSS, "tilt": TILT, "turn": TURN}
+    given = ", ".join(f"{word}: {k[word]}" for word in held)
+    found = pf.modes(carriage(tmp_path, f"kind: {kind}, stiffness: {{{given}}}")).frequencies
+    square = [ACROSS / MASS, ACROSS / MASS, TILT / INERTIA[1], TILT / INERTIA[2]]
+    square += [TURN / INERTIA[0]] if "turn" in held else []
+    exact = np.sqrt(np.sort([*[0.0] * free, *square])) / (2 * np.pi)
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-4)
+    for pair in (["world", "carriage"], ["carriage", "world"]):
+        turned = carriage(tmp_path, f"kind: {kind}, stiffness: {{{given}}}").with_(
+            {"loops.guide.between": pair}
+        )
+        np.testing.assert_allclose(pf.modes(turned).frequencies, exact, rtol=1e-9, atol=1e-4)
+    # Directions that are left out stay held.
+    stiff = pf.modes(carriage(tmp_path, f"kind: {kind}, stiffness: {{across: {ACROSS}}}"))
+    assert len(stiff.frequencies) == free + 2
+
+
+def test_a_damped_guide_rings_across(tmp_path: Path) -> None:
+    """x'' + c/m x' + k/m x = F/m from rest, by the matrix exponential."""
+    c, force = 60.0, 3.0
+    loop = f"kind: prismatic, stiffness: {{across: {ACROSS}}}, damping: {{across: {c}}}"
+    push = f"forces: {{push: {{at: carriage, force: [0, {force}, 0]}}}}"
+    robot = carriage(tmp_path, loop, push)
+    run = pf.solve(robot, pf.hold(duration=0.05), level="coupled", start="straight", tol=1e-7)
+    A = np.array([[0, 1, 0], [-ACROSS / MASS, -c / MASS, force / MASS], [0, 0, 0]])
+    exact = np.array([(expm(A * t) @ [0, 0, 1])[0] for t in run.t])
+    moved = run.frame("carriage").position[:, 1]
+    np.testing.assert_allclose(moved, exact, rtol=0, atol=1e-5 * np.abs(exact).max())
+
+
+SLIDER_CRANK = (
+    Body("crank", "base", "revolute", mass=0.5, com=(0.05, 0, 0), inertia=(1e-3,) * 3),
+    Body("rod", "crank", "revolute", xyz=(0.1, 0, 0), mass=0.3, com=(0.15, 0, 0),
+         inertia=(2e-3,) * 3),
+    Body("slider", "rod", "revolute", xyz=(0.3, 0, 0), mass=0.4, inertia=(1e-3,) * 3),
+)  # fmt: skip
+
+
+def slider_crank(folder: Path, more: str, g: float, force: str = "") -> pf.Mechanism:
+    return load(
+        folder,
+        SLIDER_CRANK,
+        f"""
+gravity: [0, {-g}, 0]
+actuated: [crank_joint]
+home: {{crank_joint: 0.6, rod_joint: -0.8, slider_joint: 0.2}}
+loops: {{guide: {{kind: prismatic, between: [base, slider], axis: x{more}}}}}
+platform: slider
+motion: {{kind: quintic, joints: {{crank_joint: 0.8}}, duration: 0.3}}
+{force}""",
+    )
+
+
+def test_a_force_across_a_guide_and_guides_that_stiffen(tmp_path: Path) -> None:
+    force = "forces: {push: {at: slider, force: [0, -30, 0]}}"
+    robot = slider_crank(tmp_path, f", stiffness: {{across: {ACROSS}}}", 0.0, force)
+    # The rod bears nothing at rest: what pushes the slider across goes into the guide alone.
+    run = pf.solve(robot, pf.hold(duration=0.1), level="quasistatic", samples=2)
+    moved = [abs(run.joint(f"guide.{x}").position[0]) for x in "xy"]
+    assert max(moved) == pytest.approx(30 / ACROSS, rel=1e-8)
+    assert min(moved) < 1e-12
+    ideal = pf.solve(slider_crank(tmp_path, "", 9.81), level="rigid", samples=21).torque
+    off, stiff = [], (1e5, 1e6, 1e7)
+    for k in stiff:
+        more = f", stiffness: {{across: {k}, tilt: {k / 1e3}, turn: {k / 1e3}}}"
+        robot = slider_crank(tmp_path, more, 9.81)
+        rigid, still = (pf.solve(robot, level=x, samples=21) for x in ("rigid", "quasistatic"))
+        np.testing.assert_allclose(rigid.torque, ideal, rtol=0, atol=1e-12)
+        off.append(np.abs(still.torque - ideal).max())
+    assert slope(stiff, off) == pytest.approx(-1.0, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("loop", "said"),
     [
@@ -164,6 +266,16 @@ def test_a_spring_and_friction_in_the_pin_that_closes_a_four_bar(tmp_path: Path)
         ("kind: bushing, stiffness: [1, 2]", "2 numbers. Allowed: 3"),
         ("kind: planar, stiffness: 3", "no meaning for the kind planar"),
         ("kind: revolute, rest: 1", "there is no spring"),
+        ("kind: prismatic, stiffness: {along: 1}", "Allowed: across, tilt, turn"),
+        ("kind: cylindrical, stiffness: {turn: 1}", "turn: no such key. Allowed: across, tilt"),
+        ("kind: prismatic, stiffness: {across: 0}", "finite number > 0"),
+        ("kind: prismatic, stiffness: {}", "in which direction"),
+        ("kind: distance, stiffness: {across: 1}", "a bearing of the kind distance has none"),
+        ("kind: prismatic, stiffness: {across: 1}, damping: {tilt: 1}", "tilt: no such key"),
+        ("kind: prismatic, damping: {across: 1}", "is not a number"),
+        ("kind: prismatic, stiffness: {across: 1}, rest: 1", "there is no spring"),
+        ("kind: bushing, stiffness: {across: 1}", "is not a list"),
+        ("kind: planar, clearance: 50 um, pin: 5 mm, stiffness: {across: 1}", "held by contact"),
         ("kind: bushing, stiffness: [1, 2, 3], friction: 1", "no meaning for the kind bushing"),
     ],
 )

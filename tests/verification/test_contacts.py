@@ -8,6 +8,8 @@ Claims:
       the plain reference | 1e-9; 1e-12, tangents 1e-7 | passes
     - bouncing ball, mass between two stops, 1000 bounces without loss, bounces without end, rest on
       a stop | closed forms | 1e-10 of instants, impulses, losses; 1e-11 of the energy | 2e-13
+    - blows of an arm on a crank that follows its motion: energy with what the motor puts in |
+      conservation; M_cj / M_jj of the impulse | 1e-7 | passes
 """
 
 from __future__ import annotations
@@ -81,6 +83,72 @@ def test_a_thousand_bounces_without_loss_keep_the_energy(tmp_path: Path) -> None
     stored = run.array("energy/kinetic") + run.array("energy/gravity")
     # 1000 landings within 1e-13 m each, times the weight over the energy: 1e-12
     assert np.ptp(stored) < 1e-11 * run.array("energy/kinetic").max()
+
+
+def test_a_ball_that_gives_nothing_back_stays_where_it_falls(tmp_path: Path) -> None:
+    run = pf.solve(ball(tmp_path, "lower: 0, restitution: 0"), pf.hold(duration=1.0), tol=1e-6)
+    (met,) = run.events
+    assert (met.what, met.time) == ("rest", pytest.approx(np.sqrt(2 / G), rel=1e-12))
+    assert met.loss == pytest.approx(met.impulse * met.speed / 2, rel=1e-12)
+    # what rests sinks in by 1e-10 of what accelerates it
+    assert abs(run.array("joint/q")[-1, 0]) < 2e-10 * G
+
+
+def test_a_start_beyond_a_rigid_stop_is_refused(tmp_path: Path) -> None:
+    m = ball(tmp_path, "lower: 0, restitution: 0.5", home=-1e-3)
+    with pytest.raises(pf.SceneError, match="starts 0.001 .* beyond the stop of ball_joint"):
+        pf.solve(m, pf.hold(duration=0.1), tol=1e-6)
+
+
+BAR = (
+    Body("crank", "base", "revolute", mass=1.0, com=(0.1, 0, 0), inertia=(0.01,) * 3),
+    Body("arm", "crank", "revolute", xyz=(0.2, 0, 0), mass=0.5, com=(0.15, 0, 0),
+         inertia=(0.01,) * 3),
+)  # fmt: skip
+
+
+def swept(folder: Path, solve: str) -> pf.Mechanism:
+    return load(folder, BAR, f"""gravity: [0, -9.81, 0]
+actuated: [crank_joint]
+joints: {{arm_joint: {{stops: {{lower: -0.1, upper: 0.1, restitution: 1}}}}}}
+motion: {{kind: harmonic, joints: {{crank_joint: 0.5}}, frequency: 3, smooth: 0.1, duration: 1}}
+solve: {{{solve}, start: straight}}
+""")  # fmt: skip
+
+
+def test_a_motor_that_moves_on_gives_energy_to_a_blow(tmp_path: Path) -> None:
+    """An arm between its stops on a crank that follows its motion: what the blow asks of the motor.
+
+    The crank's speed stays w, that of the arm in its joint turns: with the mass M_jj that the stop
+    meets and what couples it to the crank, M_cj, the motor gives M_cj / M_jj of the impulse at w.
+    """
+    run = pf.solve(swept(tmp_path, "level: coupled"), tol=1e-6, samples=1001)
+    assert len(run.events) > 5
+    assert run.meta["energy_balance"] < 1e-7
+    met, w = run.events[0], run.joint("crank_joint").velocity
+    angle = 0.1 if run.joint("arm_joint").position[np.searchsorted(run.t, met.time)] > 0 else -0.1
+    m, a, b = 0.5, 0.2, 0.15
+    whole, own = 0.01 + m * b * (b + a * np.cos(angle)), 0.01 + m * b**2
+    speed = np.interp(met.time, run.t, w)
+    stored = run.array("energy/kinetic") + run.array("energy/gravity") - run.array("energy/work")
+    assert np.ptp(stored) < 1e-7 * run.array("energy/kinetic").max()
+    # Between two samples: what the motor puts in besides is about that of the ms before.
+    around = [np.searchsorted(run.t, met.time) + k for k in (-1, 0)]
+    jump = np.diff(run.array("energy/work")[around])[0]
+    slow = np.diff(run.array("energy/work")[[around[0] - 1, around[0]]])[0]
+    exact = -np.sign(angle) * met.impulse * speed * whole / own
+    assert jump == pytest.approx(exact, abs=abs(3 * slow))
+    assert abs(exact) > 10 * abs(slow)
+
+
+def test_a_motion_through_a_rigid_stop_is_told_and_fed_forward_without_it(tmp_path: Path) -> None:
+    through = ball(tmp_path, "upper: 1.1, restitution: 0.5").with_({"actuated": ["ball_joint"]})
+    move = pf.quintic(joints={"ball_joint": 0.3}, duration=0.4)
+    rigid = pf.solve(through, move, level="rigid")
+    assert any("beyond the stop of ball_joint" in text for text in rigid.meta["warnings"])
+    driven = pf.solve(through, move, drive="torque", kp=50.0, kd=5.0, tol=1e-4)
+    assert driven.joint("ball_joint").position.max() < 1.1 + 1e-6
+    assert np.abs(driven.torque).max() < 100.0  # 4 N of weight and motion, 50 N/m times 0.2 m
 
 
 def test_bounces_without_end_come_to_rest(tmp_path: Path) -> None:

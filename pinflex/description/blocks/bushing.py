@@ -8,12 +8,16 @@ each column of A = L^-T, K = L diag(d) L' (Cholesky without roots), since A' K A
 that slide and three that turn, about axes aside of the frame where K couples turns with
 displacements, and with a slide that follows where such an axis has a pitch. It is linear in turns
 that are small.
+
+A bearing that yields (`stiffness: {across: ..., tilt: ...}`) keeps its kind of loop: what the kind
+holds and a stiffness is written for becomes joints behind its second frame, which carries the
+bearing, so that a slider deflects alike wherever it is in its guide.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,13 +28,22 @@ from pinflex.description import sources
 from pinflex.description.blocks import joints as drives
 from pinflex.description.blocks.external import WORLD, ends
 from pinflex.description.files import Source
-from pinflex.description.loops import BUSHING, RESIST, resists
+from pinflex.description.loops import (
+    ALONG,
+    BUSHING,
+    LOOP_KINDS,
+    RESIST,
+    TURNED,
+    LoopKind,
+    resists,
+)
 from pinflex.description.reading import schema
 from pinflex.description.robots.tree_text import hang, triple
 from pinflex.errors import DescriptionError
 
 _ONE = ("revolute", "prismatic")  # kinds of one freedom, and types of a URDF
 _NAMES = ("x", "y", "z", "rx", "ry", "rz")
+_BEARING = {"across": (0, 1), "along": (2,), "tilt": (3, 4), "turn": (5,)}  # numbers of _NAMES
 _MADE = "_yields"  # ends of links made here
 _SYMMETRIC, _NEGATIVE, _PITCH = 1e-9, 1e-12, 1e-12  # of the largest entry
 
@@ -45,17 +58,34 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
         if not isinstance(spec, dict) or not resists(spec):
             continue
         loop = schema.Block(spec, schema.at(block.at("loops"), name))
-        a, b = _ends(loop, tree)
-        chain, weld = _chain(name, loop)
-        for joint in chain:
-            _require_new(joint, joints, tree, loop)
-        end = f"{name}{_MADE}_end"
-        if end not in tree.links:
-            _behind(root, a, chain, end)
-            built = True
-        rest = {k: v for k, v in spec.items() if k not in (*RESIST, "kind", "between", "axis")}
-        loops[name] = {"kind": weld, "between": [end, b], **rest}
-        joints |= {joint.name: joint.extra for joint in chain if joint.extra}
+        text = "a joint with clearance is held by contact. Remove this, or the clearance."
+        loop.only({*RESIST} - {"friction"} if loop.get("clearance") is not None else (), text)
+        pair, ground = _ends(loop, tree)
+        made: list[tuple[str, list[_Joint], str]] = []
+        if isinstance(spec.get("stiffness"), Mapping) and spec.get("kind") != BUSHING:
+            side = 0 if pair[1] == ground else 1
+            made.append((pair[side], _bearing(name, loop), f"{name}{_MADE}_bearing"))
+            pair[side] = made[0][2]
+            kept = {k: v for k, v in spec.items() if k != "stiffness"}
+            if isinstance(spec.get("damping"), Mapping):
+                del kept["damping"]
+            spec = {**kept, "between": pair}
+        if resists(spec):
+            loop = schema.Block(spec, loop.where)
+            if pair[0] == ground:
+                pair.reverse()
+            chain, weld = _chain(name, loop)
+            made.append((pair[0], chain, f"{name}{_MADE}_end"))
+            rest = {k: v for k, v in spec.items() if k not in (*RESIST, "kind", "between", "axis")}
+            spec = {"kind": weld, "between": [made[-1][2], pair[1]], **rest}
+        loops[name] = spec
+        for link, chain, end in made:
+            for joint in chain:
+                _require_new(joint, joints, tree, loop)
+            if end not in tree.links:
+                _behind(root, link, chain, end)
+                built = True
+            joints |= {joint.name: joint.extra for joint in chain if joint.extra}
     whole = {**block, "loops": loops, "joints": joints}
     if not built:
         return whole, tree
@@ -73,12 +103,12 @@ class _Joint(NamedTuple):
     extra: dict[str, Any]
 
 
-def _ends(block: schema.Block, tree: Source) -> tuple[str, str]:
-    """The frames, that of the robot first."""
+def _ends(block: schema.Block, tree: Source) -> tuple[list[str], str | None]:
+    """The frames, and what the ground is called; None: it is no end."""
     pair = schema.items(block.get("between"), block.at("between"), 2)
     grounded = "at" in block or (WORLD not in tree.links and WORLD in pair)
-    a, b = ends(pair, block.at("between"), tree, grounded)
-    return (b, a) if a == WORLD and grounded else (a, b)
+    found = [*ends(pair, block.at("between"), tree, grounded)]
+    return found, WORLD if grounded else None
 
 
 def _require_new(
@@ -91,6 +121,47 @@ def _require_new(
         )
 
 
+def _bearing(name: str, block: schema.Block) -> list[_Joint]:
+    """Joints in the directions that a bearing gives way in: z along its axis."""
+    kind = schema.choice(block.get("kind"), block.at("kind"), LOOP_KINDS)
+    held = _held(LOOP_KINDS[kind])
+    if not held:
+        raise block.error("stiffness", f"a bearing of the kind {kind} has none. Remove it.")
+    k = _numbers(block, "stiffness", held)
+    if not k:
+        raise block.error("stiffness", f"in which direction? Allowed: {', '.join(held)}.")
+    d = _numbers(block, "damping", k) if isinstance(block.get("damping"), Mapping) else {}
+    axis = np.array(schema.direction(block.get("axis", "z"), block.at("axis")))
+    x = np.eye(3)[np.argmin(np.abs(axis))]
+    x = x - (axis @ x) * axis
+    x /= np.linalg.norm(x)
+    chain = []
+    for word, directions in _BEARING.items():
+        for i in directions if word in k else ():
+            extra = {"spring": k[word], **({"damper": d[word]} if d.get(word) else {})}
+            way = (x, np.cross(axis, x), axis)[i % 3]
+            joint = "prismatic" if i < 3 else "revolute"
+            chain.append(_Joint(f"{name}.{_NAMES[i]}", joint, way, np.zeros(3), extra))
+    return chain
+
+
+def _held(kind: LoopKind) -> list[str]:
+    """Directions that a bearing of a kind of loop holds."""
+    along, turned = {*kind.points}, kind.directions
+    holds = {"across": {0, 1} <= along, "along": 2 in along, "tilt": turned in (ALONG, TURNED)}
+    return [word for word in _BEARING if holds.get(word, turned == TURNED)]
+
+
+def _numbers(block: schema.Block, key: str, words: Collection[str]) -> dict[str, float]:
+    found = schema.mapping(block[key], block.at(key), words)
+    # A direction that is left out is held: a stiffness of 0 would say neither.
+    low, above = (-np.inf, 0.0) if key == "stiffness" else (0.0, -np.inf)
+    return {
+        word: schema.number(x, schema.at(block.at(key), word), low, above=above, of=key)
+        for word, x in found.items()
+    }
+
+
 def _chain(name: str, block: schema.Block) -> tuple[list[_Joint], str]:
     """The joints of one loop, and the kind of loop that closes behind them."""
     kind = block.get("kind")
@@ -101,7 +172,8 @@ def _chain(name: str, block: schema.Block) -> tuple[list[_Joint], str]:
         raise block.error(
             key,
             f"has no meaning for the kind {kind}, only for revolute and prismatic (about or along "
-            "their axis) and for bushing. Remove it, or change the kind.",
+            "their axis) and for bushing. Remove it, change the kind, or write by direction what a "
+            "bearing yields by: `stiffness: {across: ...}`.",
         )
     words = {"stiffness": "spring", "damping": "damper", "friction": "friction", "rest": "rest"}
     extra = {word: block[key] for key, word in words.items() if key in block}

@@ -201,7 +201,7 @@ class Stops:
     upper: float | None = schema.key(None, _way, given=True, form=schema.measure("angle"))
     stiffness: float | None = schema.real(None, "stiffness", above=0)
     damping: float = schema.real(0.0, "damping", low=0)
-    restitution: float | None = schema.real(None, above=0, high=1)
+    restitution: float | None = schema.real(None, low=0, high=1)
 
 
 _STOPS = schema.keys(Stops)

@@ -6,6 +6,7 @@
 #include "newton.h"
 #include <stddef.h>
 
+#define LEAST_RATE 1e-3 /* of Newton's iteration that is taken from a step before it was cut */
 #define NEARLY 0.02 /* of the length of a step that is cut once more: its factors serve */
 
 /* Whether the stages are those of the same step, which was longer or shorter by a little. */
@@ -128,11 +129,12 @@ int attempt(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
   Newton n = {.most = m->most, .placed = 1, .fresh = -1, .measured = m->measured,
               .measured_at = m->measured_at, .weight = m->weight, .least = m->least,
-              .open = m->open, .slack = m->slack, .scale = m->scale};
+              .open = m->open, .slack = m->slack, .scale = m->scale, .known = 1.0};
   double trace = 0.0, *sum = st->part;
   st->h = h;
   take_inputs(t, m, h);
   predict(t, m, h);
+  if (cut(m)) n.known = fmax(m->steps.rate[m->count + 1], LEAST_RATE);
   m->solved = 0.0;
   if (!iterate(t, memory, m, &n)) return 0;
   m->solved = h;
@@ -201,7 +203,7 @@ void keep(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
   Steps *to = &m->steps;
   Int k = m->count + 1, s = st->s, nv = t->nv, n = st->free, motors = st->motors;
-  double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv;
+  double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv, taken[MOST_STAGES];
   to->t[k] = m->t, to->h[k] = h, to->tangent[k] = m->tangent;
   to->serial[k] = m->refreshed;
   copy(to->y0 + k * t->nq, m->y, t->nq);
@@ -217,7 +219,7 @@ void keep(const Tables *t, char *memory, March *m, double h) {
   for (Int i = 0; i < s * nv; i++) move[i] = st->move[i] + st->change[i];
   motor_forces(t, m, torque);
   for (Int i = 0; i < s; i++) {
-    double *v = st->v + i * nv, *y = st->y + i * t->nq, *power = to->power + 2 * (k * s + i);
+    double *v = st->v + i * nv, *y = st->y + i * t->nq;
     for (Int j = 0; j < n; j++)
       for (Int l = 0; l < s; l++)
         v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
@@ -227,7 +229,8 @@ void keep(const Tables *t, char *memory, March *m, double h) {
     }
     Told told = told_at(st, i);
     pull(t, st, &told, y, v, torque + i * motors, NULL);
-    pinflex_losses(t, memory, 1, y, v, power + 1);
-    power[0] = motor_power(t, st, torque + i * motors, v);
+    to->power[2 * (k * s + i)] = motor_power(t, st, torque + i * motors, v);
   }
+  pinflex_losses(t, memory, s, st->y, st->v, taken);
+  for (Int i = 0; i < s; i++) to->power[2 * (k * s + i) + 1] = taken[i];
 }

@@ -10,6 +10,7 @@
 enum { TRIES = 12, HALVINGS = 60 };
 #define SHORT 0.05 /* of its length: so far from a border a step that was cut to end there goes on */
 #define NEAR(x) (1e-13 * (1.0 + fabs(x)))
+#define SHUT 0.1 /* of what loops may be open by: so far off a border is at it */
 #define FAR(x) (1e-9 * (1.0 + fabs(x)))
 
 /* x of all laws at the start and the stages, (s + 1, kinks). */
@@ -101,7 +102,7 @@ int land(const Tables *t, char *memory, March *m, double size) {
   m->event = k, m->side = side;
   polynomial(t, m, k, c);
   off = value(c, n, 1.0) - border(t, m, k, side), rate = rate_at_end(c, n) / size;
-  if (fabs(off) <= NEAR(border(t, m, k, side)) || m->landing > TRIES / 2) {
+  if (fabs(off) <= fmax(NEAR(border(t, m, k, side)), SHUT * m->open) || m->landing > TRIES / 2) {
     m->speed = rate;
     return fabs(off) <= FAR(border(t, m, k, side)) ? LANDS : LOST;
   }

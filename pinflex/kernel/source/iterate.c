@@ -68,7 +68,7 @@ int newton(const Tables *t, char *memory, const Stages *st, Newton *n) {
       n->reach = fmax(fmax(n->scale, norm(t, st, n, 1, 1)), 1e-300);
       n->goal = fmax(n->least * n->reach, n->round_off);
     }
-    n->rate = n->iteration ? size / fmax(n->size, 1e-300) : 1.0;
+    n->rate = n->iteration ? size / fmax(n->size, 1e-300) : n->known;
     n->size = size;
     int end = judge(t, st, n);
     if (end == AGED) {

@@ -174,6 +174,7 @@ Lane kink_energy(const Tables *t, const Work *w, const Lane *y, int elastic);
 double kink_loss(const Tables *t, const Work *w, const double *y, const double *v);
 EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const double *Y, double *x);
 int hardens(const Tables *t, const Int *piece);
+int idle(const Tables *t, const Work *w, Int k);
 void keep_to_pieces(const Tables *t, char *memory, const Int *piece, const double *hit);
 
 /* closures.c, loads.c */
@@ -186,7 +187,7 @@ Lane load_energy(const Tables *t, Work *w, const Lane *scale); /* of springs and
 /* touch.c: forces; energy, J, or power taken, W; how far beyond their rims, into the laws, of a lane */
 void apply_touches(const Tables *t, Work *w);
 Lane touch_power(const Tables *t, Work *w, int stored);
-void touch_places(const Tables *t, Work *w, int l, double *x);
+void touch_places(const Tables *t, Work *w, Int lanes, double *x);
 
 /* added_mass.c: of nodes whose motion is known */
 void add_masses(const Tables *t, Work *w);

@@ -12,6 +12,7 @@
 #include <string.h>
 
 enum { PLACE, FORCE, STIFFNESS, POWER, DAMPER, CHI, ENERGY, NUMBERS };
+#define HERTZ 1.5
 
 static Int piece_at(const Tables *t, Int k, double x) {
   Int p = t->kink_at[k];
@@ -23,8 +24,8 @@ Kink kinked(const Tables *t, const Work *w, Int k, double x, double rate) {
   Int p = w->piece[k] ? t->kink_at[k] + w->piece[k] - 1 : piece_at(t, k, x);
   const double *law = t->kink_piece + NUMBERS * p;
   double d = x - law[PLACE], deep = fabs(d), n = law[POWER], spring, slope, chi = 0.0;
-  if (n == 1.0) slope = law[STIFFNESS], spring = slope * deep;
-  else spring = law[STIFFNESS] * pow(deep, n), slope = n * law[STIFFNESS] * pow(deep, n - 1.0);
+  slope = law[STIFFNESS] * (n == 1.0 ? 1.0 : n == HERTZ ? n * sqrt(deep) : n * pow(deep, n - 1.0));
+  spring = slope * deep / n;
   if (law[CHI] != 0.0 && w->hit[k] > 0.0) chi = law[CHI] / w->hit[k];
   double sign = d < 0.0 ? -1.0 : 1.0, damping = law[DAMPER] + spring * chi;
   return (Kink){.force = law[FORCE] + sign * spring + damping * rate,
@@ -32,6 +33,13 @@ Kink kinked(const Tables *t, const Work *w, Int k, double x, double rate) {
                 .damping = damping,
                 .energy = law[ENERGY] + law[FORCE] * d + spring * deep / (n + 1.0),
                 .loss = damping * rate * rate};
+}
+
+/* Whether a step keeps to a piece of this law that resists nothing and stores nothing. */
+int idle(const Tables *t, const Work *w, Int k) {
+  if (!w->piece[k]) return 0;
+  const double *law = t->kink_piece + NUMBERS * (t->kink_at[k] + w->piece[k] - 1);
+  return law[FORCE] == 0.0 && law[STIFFNESS] == 0.0 && law[DAMPER] == 0.0 && law[ENERGY] == 0.0;
 }
 
 static double place(const Tables *t, Int k, const Lane *y, int l) {
@@ -103,8 +111,7 @@ EXPORT void pinflex_elongations(const Tables *t, char *memory, Int count, const 
     for (int l = 0; l < LANES && first + l < count; l++)
       for (Int k = 0; k < t->kinks; k++)
         if (t->kink_v[k] >= 0) x[(first + l) * t->kinks + k] = place(t, k, g.y, l);
-    for (int l = 0; t->touches && l < LANES && first + l < count; l++)
-      touch_places(t, &w, l, x + (first + l) * t->kinks);
+    touch_places(t, &w, count - first < LANES ? count - first : LANES, x + first * t->kinks);
     for (Int k = 0; k < t->springs; k++) {
       if (t->spring_kink[k] < 0) continue;
       Lane length;

@@ -39,6 +39,10 @@ static double growth(const March *m, double coarseness) {
   return fmin(grown(m, coarseness), fmax(grown(m, m->held * m->before), 1.0));
 }
 
+/* The same where Hertz's law acts: stages of a longer step differ in stiffness, by which Newton's
+   iteration converges more slowly, about with the square of the length. */
+static double hardening(double rate) { return fmin(1.5, fmax(0.7, sqrt(0.1 / rate))); }
+
 /* The state after the step that is kept as number `count`. */
 void advance(const Tables *t, March *m) {
   const Stages *st = m->stages;
@@ -69,7 +73,7 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   m->count = k;
   advance(t, m);
   if (!(m->idle_from < factor && factor < m->idle_to))
-    h = size * fmin(fmax(factor, 0.5), hard ? 1.5 : 3.0);
+    h = size * fmin(fmax(factor, 0.5), hard ? hardening(x->rate[k]) : 3.0);
   m->ceiling *= m->growth;
   m->h = rounded(m, fmin(h, m->ceiling));
   m->before = coarseness;

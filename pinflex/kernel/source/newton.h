@@ -11,6 +11,7 @@ typedef struct {
   const Int *measured_at;                       /* velocity rows that count */
   const double *weight;                         /* (measured, measured) */
   double least, round_off, open;                /* goal over reach; least goal; of closures, m */
+  double known;                                 /* rate of the first correction: 1 if nobody knows */
   double slack;                                 /* of these, where an iteration cannot go on */
   double scale, reach, goal, size, rate;        /* reach: largest displacement so far */
 } Newton;

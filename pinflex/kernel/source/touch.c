@@ -17,24 +17,28 @@
 enum { BALL_IN, PIN_IN, AT_WALL };
 enum { GAP, FRICTION, SMOOTH, RADIUS, EXCESS, STRIBECK, WIDTH };
 
-typedef struct { double x, loss; Kink law; } Touch;
+typedef struct { double loss; Kink law; } Touch;
 
 static int rubs(const double *law) { return law[FRICTION] + law[EXCESS] != 0.0; }
 
-/* Force f on B at its middle and moment m about that, in axes of A; motion: d, d' and W. */
-static Touch touch(const Tables *t, const Work *w, Int k, const double *motion, double *f, double *m) {
-  const double *s = t->touch_axis + 3 * k, *law = t->touch_law + WIDTH * k, *d = motion, *way = motion + 3;
-  const double *turn = motion + 6;
-  double u[3], q[3], along = times(s, d, 3), length = 0.0, rate, fast;
+/* How far it is beyond its rim at d, and u. */
+static double beyond(const Tables *t, Int k, const double *d, double *u) {
+  const double *s = t->touch_axis + 3 * k;
+  double along = times(s, d, 3), length;
   for (int i = 0; i < 3; i++)
     u[i] = t->touch_shape[k] == BALL_IN ? d[i] : t->touch_shape[k] == PIN_IN ? d[i] - along * s[i] : s[i];
-  if (t->touch_shape[k] == AT_WALL) length = along;
-  else {
-    length = sqrt(times(u, u, 3));
-    for (int i = 0; i < 3; i++) u[i] /= fmax(length, 1e-300);
-  }
+  if (t->touch_shape[k] == AT_WALL) return along - t->touch_law[WIDTH * k + GAP];
+  length = sqrt(times(u, u, 3));
+  for (int i = 0; i < 3; i++) u[i] /= fmax(length, 1e-300);
+  return length - t->touch_law[WIDTH * k + GAP];
+}
+
+/* Force f on B at its middle and moment m about that, in axes of A; motion: d, d' and W. */
+static Touch touch(const Tables *t, const Work *w, Int k, const double *motion, double *f, double *m) {
+  const double *law = t->touch_law + WIDTH * k, *way = motion + 3, *turn = motion + 6;
+  double u[3], q[3], x = beyond(t, k, motion, u), rate, fast;
   rate = times(u, way, 3);
-  Touch now = {.x = length - law[GAP], .law = kinked(t, w, t->touch_kink[k], length - law[GAP], rate)};
+  Touch now = {.law = kinked(t, w, t->touch_kink[k], x, rate)};
   now.loss = now.law.loss;
   for (int i = 0; i < 3; i++) f[i] = -now.law.force * u[i], m[i] = 0.0;
   if (!rubs(law) || now.law.force <= 0.0) return now;
@@ -82,6 +86,7 @@ static Touch in_lane(const Tables *t, Work *w, Int k, const Lane *motion, int l,
 
 void apply_touches(const Tables *t, Work *w) {
   for (Int k = 0; k < t->touches; k++) {
+    if (idle(t, w, t->touch_kink[k])) continue;
     Node *A = node_at(w, t->touch_a[k]), *B = node_at(w, t->touch_b[k]);
     const double *a = t->touch_place_a + 3 * k, *b = t->touch_place_b + 3 * k;
     Lane motion[9], f[3], m[3], world[3], own[3], moment[3], arm[3], at[3];
@@ -109,6 +114,7 @@ Lane touch_power(const Tables *t, Work *w, int stored) {
   Lane sum = lane(0), motion[9];
   double f[3], m[3];
   for (Int k = 0; k < t->touches; k++) {
+    if (idle(t, w, t->touch_kink[k])) continue;
     motion_of(t, w, k, motion);
     for (int l = 0; l < LANES; l++) {
       Touch now = in_lane(t, w, k, motion, l, f, m);
@@ -118,22 +124,26 @@ Lane touch_power(const Tables *t, Work *w, int stored) {
   return sum;
 }
 
-/* How far they are beyond their rims, (touches,) of a lane; at rest. */
-void touch_places(const Tables *t, Work *w, int l, double *x) {
+/* How far they are beyond their rims, in the first lanes: (lanes, kinks); at rest. */
+void touch_places(const Tables *t, Work *w, Int lanes, double *x) {
   Lane motion[9];
-  double f[3], m[3];
   for (Int k = 0; k < t->touches; k++) {
     motion_of(t, w, k, motion);
-    x[t->touch_kink[k]] = in_lane(t, w, k, motion, l, f, m).x;
+    for (Int l = 0; l < lanes; l++) {
+      double d[3] = {motion[0][l], motion[1][l], motion[2][l]}, u[3];
+      x[l * t->kinks + t->touch_kink[k]] = beyond(t, k, d, u);
+    }
   }
 }
 
-/* Derivatives of f and m by motion, (6, 9), by central differences: Newton's iteration needs no more. */
+/* Derivatives of f and m by motion, (6, 9), by central differences: Newton's iteration needs no more.
+   Turning counts where it rubs. */
 static void slopes(const Tables *t, const Work *w, Int k, const double *motion, double *out) {
   const double *law = t->touch_law + WIDTH * k;
   double far = 1e-6 * fmax(law[GAP], 1e-9), fast = 1e-4 * (rubs(law) ? law[SMOOTH] : 1.0);
   double spin = rubs(law) ? fast / fmax(law[RADIUS], 1e-6) : fast;
-  for (int j = 0; j < 9; j++) {
+  for (int i = 0; i < 54; i++) out[i] = 0.0;
+  for (int j = 0; j < (rubs(law) ? 9 : 6); j++) {
     double x[9], above[6], below[6], h = j < 3 ? far : j < 6 ? fast : spin;
     for (int i = 0; i < 9; i++) x[i] = motion[i];
     x[j] = motion[j] + h;
@@ -208,6 +218,7 @@ void touch_tangents(const Tables *t, Work *lanes, Tangent *w, double *C, double 
   Lane motion[9];
   double one[9];
   for (Int k = 0; k < t->touches; k++) {
+    if (idle(t, lanes, t->touch_kink[k])) continue;
     motion_of(t, lanes, k, motion);
     for (int i = 0; i < 9; i++) one[i] = motion[i][0];
     touch_tangent(t, lanes, w, k, one, C, K);

@@ -109,7 +109,7 @@ def _orbit(result: Result, name: str, ax: Axes | None) -> Any:
     on.set_xlabel("x in the hole [µm]")
     on.set_ylabel("y in the hole [µm]")
     if ax is None:
-        title(on, f"{result.meta.get('name', '')}, pin of {name}")
+        title(on, f"{result.meta.get('name', '')}, orbit of {name}")
     return on
 
 
