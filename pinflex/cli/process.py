@@ -69,16 +69,6 @@ def settled(ends: bool) -> Iterator[None]:
             gc.unfreeze()
 
 
-def spare_docstrings() -> None:
-    """Let matplotlib load without what it writes into docstrings, a third of the time it takes.
-
-    A command has nobody to read them.
-    """
-    from matplotlib import artist
-
-    artist.kwdoc = lambda artist: ""
-
-
 def escape_unprintable() -> None:
     """Every name can be printed, as an escape where the terminal has no such letter."""
     for name in ("stdout", "stderr"):

@@ -17,7 +17,6 @@ import numpy as np
 import pinflex as pf
 from pinflex.cli.console import answer, load_model, print_json, working
 from pinflex.cli.options import samples, values
-from pinflex.cli.process import spare_docstrings
 from pinflex.description.solve import LEVELS
 from pinflex.errors import DescriptionError, RunInterrupted, SceneError, reason
 from pinflex.progress import Bar, Stages
@@ -186,7 +185,6 @@ def run_compare(args: argparse.Namespace) -> int:
     folder = Path(options.pop("folder", None) or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
     options["levels"] = options.get("levels") or LEVELS
-    spare_docstrings()
     done = pf.compare(mechanism, **options, folder=folder, progress=Stages(Bar))
     if args.interactive:
         _interactive(args, done, folder)
