@@ -328,7 +328,14 @@ def rest_of(mechanism: Mechanism, pose: Array) -> Array:
 
 def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
     """Instants of the search, and the longest period at the end [s]."""
-    lowest = float(modes(task.models[0], task.rigid[0].end, count=1).frequencies[0])
+    model = task.models[0]
+    found = modes(model, task.rigid[0].end, count=1).frequencies
+    if not len(found):
+        raise DescriptionError(
+            f"{model.name}: fastest: nothing in this model vibrates. Make links flexible or give a "
+            "`drive` its `stiffness`; what is rigid moves fastest by `kind: scurve` or pf.retime."
+        )
+    lowest = float(found[0])
     each = int(np.clip(np.ceil(_A_PERIOD * lowest * bound.duration / n), *_EACH))
     after = int(np.ceil(_PERIODS / lowest / bound.duration * n * each))
     return Grid(n, each, min(after, 2 * n * each) if task.box is None else 4), 1.0 / lowest

@@ -299,6 +299,10 @@ def test_what_makes_no_motion_is_refused(two):
             pf.fastest(two, {"drive": 1.0}, settle=1e-3, limits=given)
     with pytest.raises(pf.DescriptionError, match="nothing moves"):
         pf.fastest(two, {"drive": 0.0}, settle=1e-3)
+    with pytest.raises(pf.DescriptionError, match="nothing in this model vibrates"):
+        pf.fastest(
+            pf.load("3rrr", ["flexible=null"]), {"x": 0.01, "y": 0.0, "rz": 0.0}, settle=1e-4
+        )
 
 
 def test_a_trajectory_is_retimed_from_the_shell(two, tmp_path, capsys):
