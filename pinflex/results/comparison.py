@@ -226,7 +226,8 @@ class TorqueRow:
 class PlatformRow:
     """Largest distance [m] and angle [rad] of the platform from the rigid run, with times [s].
 
-    `at_start` is the distance at the first instant: the sag of a start in equilibrium.
+    `at_start` is the distance at the first instant: the sag of a start in equilibrium; `moved` how
+    far the platform gets from there.
     """
 
     __repr__ = brief
@@ -238,6 +239,7 @@ class PlatformRow:
     rotation: float
     rotation_time: float
     at_start: float = 0.0
+    moved: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -331,6 +333,7 @@ def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
         rotation=float(deviation.angle[turned]),
         rotation_time=float(deviation.t[turned]),
         at_start=float(deviation.norm[0]),
+        moved=float(np.linalg.norm(deviation.position - deviation.position[0], axis=1).max()),
     )
 
 

@@ -73,6 +73,7 @@ def residual(
 
 TOL = 0.05  # of the largest torque or deviation, by which a level that suffices may differ
 _IDLE = 1e-3  # of what its joint bears, which rolling bearings lose to friction: less is idling
+_MOSTLY = 0.8  # of the largest deviation: a sag so large hides what the motion adds
 _SAG = 0.01  # of the largest deviation: what a start in equilibrium has less of is not told
 _DEARER = 5.0  # times the cost of the last level: runs of a tenth of a second scatter by three
 
@@ -212,7 +213,9 @@ def _shakes(c: Comparison, best: str) -> str:
         f"{rounded_length(place.position)}"
     )
     if place.at_start > _SAG * place.position:
-        text += f" ({rounded_length(place.at_start)} of it static sag)"
+        most = place.at_start > _MOSTLY * place.position
+        moved = f", from which it moves by up to {rounded_length(place.moved)}" if most else ""
+        text += f" ({rounded_length(place.at_start)} of it static sag{moved})"
     after = next((r for r in c.residuals if r.level == best), None)
     return f"{text}{_after(after, c.band)}."
 

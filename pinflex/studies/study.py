@@ -37,7 +37,7 @@ from pinflex.results.verdict import BAND, TOL
 from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
 from pinflex.studies.outputs import yield_strengths
-from pinflex.text import brief
+from pinflex.text import brief, number
 from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
 
@@ -100,6 +100,7 @@ def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | N
 # What a comparison says beside its numbers: why a level is missing, what weakens the others.
 
 _BEYOND_YIELD = 1.0
+_RESTS = 1e-6  # of the largest speed of a motor: at the end it stands
 
 
 @dataclass
@@ -138,7 +139,7 @@ def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float
     notes = _yielding(mechanism, record.runs)
     if min(frequencies, default=0.0) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
-    notes += _run_warnings(record.runs)
+    notes += _run_warnings(record.runs) + ending(record.runs)
     for level, run in record.runs.items():
         if run.meta.get("errors"):
             notes += [f"{level}, error of {line}" for line in run.errors.lines()]
@@ -170,6 +171,20 @@ def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) 
     return [
         f"{' and '.join(shaken)} start with undeformed links on which gravity acts at once (solve."
         "start: straight), so they ring from t = 0. Add --set solve.start=static to start at rest."
+    ]
+
+
+def ending(runs: Mapping[str, Result]) -> list[str]:
+    """Sentence on runs that end as the motion stops, just before shaking would be seen."""
+    run, shaken = runs.get("rigid"), [level for level in ("ked", "coupled") if level in runs]
+    if run is None or not shaken or not run.motors:
+        return []
+    speed = np.max([np.abs(run.joint(name).velocity) for name in run.motors], axis=0)
+    if speed[-1] > _RESTS * speed.max() or speed[-2] <= _RESTS * speed.max():
+        return []
+    return [
+        f"the runs end as the motion stops: --set solve.until={number(2 * float(run.t[-1]))} also "
+        "shows how the robot comes to rest."
     ]
 
 

@@ -126,8 +126,9 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         same_grid(run, rigid)
     columns = min(3, len(motors))
     bands = -(-len(motors) // columns)
+    apart = 0.35 if bands == 1 else 0.55  # titles stand between bands, below the times
     figure, axes = panels(
-        2 * bands, columns, bands * HEIGHT, Room(top=0.45, right=0.1, between=(0.6, 0.35)),
+        2 * bands, columns, bands * HEIGHT, Room(top=0.45, right=0.1, between=(0.6, apart)),
         height_ratios=[3, 1.4] * bands, sharex=True,
     )  # fmt: skip
     for i, motor in enumerate(motors):
@@ -148,7 +149,8 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
             above.set_ylabel(f"{word} [{unit}]")
             below.set_ylabel(f"difference [{unit}]")
             aligned(above, below)
-        below.set_xlabel("time [s]")
+        if i + columns >= len(motors):
+            below.set_xlabel("time [s]")
         below.tick_params(labelbottom=True)
     for spare in axes[-2:, len(motors) - (bands - 1) * columns :].flat:
         spare.remove()
