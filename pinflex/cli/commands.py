@@ -552,9 +552,9 @@ IMPORT = Command(
     ("files", "run_import"),
     """
 SOURCE is a URDF, an MJCF (MuJoCo), an SDF, a xacro, the robot.yaml of Gepetto's parallel robots,
-or example-robot-data:NAME. The YAML lists the joints, motors, loops and the closed home pose,
-names what it does not take over from the file, and proposes loops and flexible links with guessed
-sections in comments. It loads as it is.""",
+or example-robot-data:NAME. The YAML lists joints and motors, the loops of the file with their
+closed home pose, and what is not taken over from it. In comments it proposes loops that the file
+leaves open and flexible links with guessed sections. It loads as it is.""",
     "pinflex import cassie.xml -o cassie.yaml\n  pinflex import robot.urdf --flexible shin",
     (
         option("source", metavar="SOURCE", help="the robot's file"),

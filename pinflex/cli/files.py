@@ -43,6 +43,10 @@ def run_import(args: argparse.Namespace) -> int:
     if mechanism is not None:
         motors = len(mechanism.motors)
         said = f"{out} written: mobility {mechanism.report.mobility}, {motors} motors"
+        if "\n# loops:" in text:
+            said += " while its loops are open; they are proposed behind #"
+        if "\n# flexible:" in text:
+            said += f".\nRemove the # of what is right, then: pinflex check {out}"
     answer(args, {"file": str(out), "closed": mechanism is not None}, f"{said}\n")
     return 0 if mechanism is not None else 1
 

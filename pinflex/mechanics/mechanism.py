@@ -18,9 +18,11 @@ from pinflex.boundary import public
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.blocks.joints import elastic
 from pinflex.description.description import Description, read
+from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.parameters import assignments
 from pinflex.description.reading.schema import shown
 from pinflex.description.robots.urdf import MotorLimits, motor_limits
+from pinflex.doors import door
 from pinflex.errors import AssemblyError, DescriptionError, nearest
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.closing import limits_of
@@ -282,6 +284,12 @@ class Mechanism:
     def limits(self) -> MotorLimits:
         """Speed, acceleration, jerk and effort that the URDF allows motors, as far as written."""
         return motor_limits(self.description.urdf_text, self.description.actuated)
+
+    @property
+    def motion(self) -> Motion:
+        """The motion of the YAML, shaped where it says so; one second at rest where it has none."""
+        made: Motion = door("levels.modes", "default_motion")(self)
+        return made
 
     def __repr__(self) -> str:
         name = short(self.name, 60)

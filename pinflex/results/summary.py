@@ -23,6 +23,11 @@ def columns(result: Result) -> dict[str, Array]:
     table: dict[str, Array] = {"t [s]": result.t}
     for i, motor in enumerate(result.motors):
         table[f"torque {motor} [{result.unit('torque/' + motor)}]"] = result.torque[:, i]
+    for motor in result.motors:
+        joint, unit = result.joint(motor), result.unit(f"torque/{motor}")
+        base = "m" if unit == "N" else "rad"
+        table[f"velocity {motor} [{base}/s]"] = joint.velocity
+        table[f"acceleration {motor} [{base}/s^2]"] = joint.acceleration
     for name in result.meta.get("joints", ()):
         unit, position = result.unit(f"joint/q/{name}"), result.joint(name).position
         if position.ndim == 1 or position.shape[1] == 2:  # 2: cosine and sine

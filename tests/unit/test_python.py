@@ -382,3 +382,9 @@ def test_modes_print_their_frequencies() -> None:
     text = str(pf.modes("3rrr", count=2))
     assert "103.4" in text
     assert " 0 %" not in text
+
+
+def test_the_motion_of_a_yaml_is_at_hand_as_it_is_shaped() -> None:
+    robot = pf.load("ur5", ["motion.shaper=zvd", "solve.until=null"])
+    assert robot.motion.duration == pf.solve(robot, level="rigid", samples=5).t[-1]
+    assert robot.motion.duration > pf.load("ur5").motion.duration

@@ -342,8 +342,8 @@ def _loops(c: Check) -> Block:
         return "Loops: none"
     home = (
         f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
-        "from closed at the values given, zero for the others. `pinflex check MODEL "
-        "--write-home` keeps it in the YAML"
+        "from closed at the values given, zero for the others. There may be other closed poses: "
+        "`home` chooses. `pinflex check MODEL --write-home` writes this one into the YAML"
     )
     sigma = c.report.sigma_min
     state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
@@ -359,7 +359,7 @@ def _loops(c: Check) -> Block:
         ])),
         lines(home if c.report.starts else "", indent="    ", first=""),
         "" if math.isnan(sigma)
-        else f"sigma_min {number(sigma)} at home (0 is singular, 1 is best): {state}",
+        else f"sigma_min {number(sigma)} at home (0 is singular, below {_NEAR:g} near it): {state}",
     )  # fmt: skip
 
 

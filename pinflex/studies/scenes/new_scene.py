@@ -48,7 +48,7 @@ _WALL = 0.1  # of the diameter, at most
 _CLOSE = 0.3  # share by which a link may weigh more or less than the solid bar that is drawn
 _MIDDLE = (0.3, 0.7)  # part of the span that is looked at
 _SHORT = 0.1  # of the longest span: shorter links are no candidates
-_MOST = 8  # candidates
+_MOST = 12  # candidates
 _HERE = 1e-6  # m
 _DENSITIES = {name: MATERIALS[name].rho or np.nan for name in ("aluminium", "steel")}  # kg/m^3
 _SEEN = 1e-3  # of the span: a drawing that is thinner says nothing
@@ -404,6 +404,8 @@ def _text(
             "# Links that may bend, longest first. Sections are GUESSES from the drawing, the",
         ]
         lines += ["# material too: replace them, take the links that matter, remove the #."]
+        if any("rectangle" in guess.values for guess in guesses):
+            lines += ["# width: along the joint's axis; thickness: in the plane of its motion."]
     if guesses:
         lines += ["flexible:" if flexible else "# flexible:"]
     for guess in guesses:
@@ -461,7 +463,7 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
         lines += [f"#   {quoted(loop.name)}: {block.strip()}  # drawn {drawn}"]
     if ways.types:
         retyped = ", ".join(f"{quoted(n)}: {{type: {kind}}}" for n, kind in ways.types.items())
-        lines += [f"# joints: {{{retyped}}}  # by their names"]
+        lines += [f"# joints: {{{retyped}}}  # guessed by name: URDF has no such type"]
     motors = ", ".join(quoted(name) for name in ways.motors) or "..."
     if ways.closed is None:
         why = "they do not close from the pose drawn: give a guess under home"

@@ -309,8 +309,11 @@ def test_the_csv_has_a_unit_in_every_header_and_every_digit(flexible, tmp_path):
     assert header[:3] == ["t [s]", "torque motor_1 [N m]", "torque motor_2 [N m]"]
     assert header[-2:] == ["max von Mises distal_2 [Pa]", "max von Mises distal_3 [Pa]"]
     table = np.array(rows, dtype=float)
-    assert table.shape == (201, 1 + 3 + 7 + 6 + 3)
+    assert table.shape == (201, 1 + 3 + 6 + 7 + 6 + 3)
     assert np.array_equal(table[:, 2], flexible.torque[:, 1])
+    speed = header.index("velocity motor_2 [rad/s]")
+    assert np.array_equal(table[:, speed], flexible.joint("motor_2").velocity)
+    assert header[speed + 1] == "acceleration motor_2 [rad/s^2]"
     x = header.index("platform x [m]")
     assert np.array_equal(table[:, x], flexible.frame("platform").position[:, 0])
     assert np.array_equal(table[:, -1], flexible.link("distal_3").von_mises.max(axis=1))

@@ -85,3 +85,14 @@ def test_a_process_that_ends_with_its_command_collects_nothing_more() -> None:
         assert gc.get_freeze_count() > before + 0.9 * len(made)  # a few older ones are gone
     finally:
         gc.unfreeze()
+
+
+@pytest.mark.parametrize(("until", "said"), [(0.05, True), (0.08, False), (0.04, False)])
+def test_a_run_that_ends_as_its_motion_stops_says_what_it_does_not_show(
+    until: float, said: bool
+) -> None:
+    """A motion of 0.05 s, to its end, beyond it, and not so far."""
+    move = "motion={kind: cycloid, joints: {motor: 0.5}, duration: 0.05}"
+    robot = pf.load("race_r3", [move, f"solve.until={until}"])
+    notes = study(robot, levels=("rigid", "ked")).table.notes
+    assert any("end as the motion stops: --set solve.until=0.1000" in x for x in notes) == said
