@@ -107,7 +107,7 @@ them to the full equations. A torque alone often needs no flexible link: ask for
 last lines say what weakens the advice. `pinflex solve MODEL --level auto` follows it as far as the
 level and the step.""",
     "pinflex advise race_r1 --asked torque --tol 0.03\n  pinflex advise 3rrs --tol 1e-2 --json",
-    ("tol", "band", "asked", VERBOSE, "until"),
+    ("tol", parameter("band", type=small_length), "asked", VERBOSE, "until"),
     "advise",
 )
 COMMAND = Command(
@@ -278,13 +278,13 @@ COMPARE = Command(
 Solves the scene rigid and flexible. Prints how far and how long the platform shakes, how far rigid
 torques are off, the stresses, and the simplest level that suffices; writes tables, figures, the
 runs and an animation. If one level cannot be solved, the others still are.""",
-    "pinflex compare delta\n  pinflex compare arm.yaml -o out --levels ked,coupled --band 1e-5",
+    "pinflex compare delta\n  pinflex compare arm.yaml -o out --levels ked,coupled --band 10um",
     (
         parameter(
             "folder", "-o", "--output", metavar="DIR", help="folder (default NAME-compare)"
         ),
         parameter("levels", help="beside rigid: quasistatic, ked, coupled (default all)"),
-        "band",
+        parameter("band", type=small_length),
         "tol",
         "errors",
         flag(

@@ -260,7 +260,10 @@ def _suffices(c: Comparison) -> str:
     if best.suffices is None or len(c.levels) < 2:
         return ""
     if found is None:
-        return f"No simpler level than {best.level} suffices."
+        tried = {*(row.level for row in c.levels), *c.unsolved}
+        left = [x for x in ("quasistatic", "ked") if x not in tried and best.level == "coupled"]
+        rest = f" of those that were run ({' and '.join(left)} were not)" if left else ""
+        return f"No simpler level than {best.level} suffices{rest}."
     dearer = found.cpu is not None and best.cpu is not None and found.cpu > _DEARER * best.cpu
     return f"The simplest level that suffices is {found.level}" + (
         ", though it costs far more here." if dearer else "."
