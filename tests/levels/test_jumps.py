@@ -16,6 +16,7 @@ Claims:
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,10 @@ import scipy.linalg
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.description.blocks.external import FrameForce
 from pinflex.integrators.problem import Problem, Run
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.model.loads import Loads
 from tests.scenes import UNIT_BEAM, Body, load
 
 RAMP, END = 0.5, 3.0  # s: jumps at 0.5, 1.5 and 2 s
@@ -220,3 +223,21 @@ def test_steps_of_the_simulator_feel_a_jump_where_it_is(samples: int, tmp_path: 
         errors.append(off(live.result(), "prescribed"))
     # phase (w h)^2 w t / 12 is 3.8e-3, and 4 times as much in steps twice as long
     assert errors[1] < 4e-3 and errors[0] > 3.5 * errors[1], errors
+
+
+@pytest.mark.parametrize("ramp", [0.0, 2e-4, 0.03])
+@pytest.mark.parametrize("until", [None, 0.02, 0.06])
+def test_loads_spread_over_a_step_keep_impulse_and_its_moment(
+    ramp: float, until: float | None
+) -> None:
+    """Integrals of the load and of t times it, to a time behind all switches."""
+    h, end, load = 1e-3, 0.1, FrameForce("push", "tip", (0.0, 1.0, 0.0), start=0.01, ramp=ramp)
+    one = Loads(((replace(load, until=until), None),), ())  # type: ignore[arg-type]
+    t = (np.arange(400_000) + 0.5) * end / 400_000
+
+    def integrals(loads: Loads) -> Array:
+        force = sum(f.force[1] * np.array([f.scale(x) for x in t]) for f, _ in loads.forces)
+        return np.array([np.mean(force), np.mean(t * force)]) * end
+
+    # a ramp in place of a jump has the same middle; its spread, h^2 / 24 of the force, is 4e-8
+    assert np.abs(integrals(one.spread(h)) - integrals(one)).max() < 1e-7

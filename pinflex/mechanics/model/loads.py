@@ -262,10 +262,12 @@ class Loads:
         """
         found: list[tuple[FrameForce, Attachment]] = []
         for force, at in self.forces:
-            end = force.until
-            if end is not None and end >= max(force.start + force.ramp, h):
-                off = replace(force, force=_negative(force.force), moment=_negative(force.moment))
-                found.append((replace(off, start=end - 0.5 * h, ramp=h, until=None), at))
+            end, full = force.until, force.start + force.ramp
+            if end is not None and end >= max(force.start, h):
+                share = 1.0 if end >= full else (end - force.start) / force.ramp
+                off = _times(force, -share, start=end - 0.5 * h, ramp=h)
+                more = [] if end >= full else [_times(force, share - 1.0, end, full - end)]
+                found += [(part, at) for part in (off, *more)]
                 force = replace(force, until=None)
             start = force.start + 0.5 * (force.ramp - h)
             if force.ramp < h and start >= 0.5 * h:
@@ -274,9 +276,10 @@ class Loads:
         return replace(self, forces=tuple(found))
 
 
-def _negative(vector: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = vector
-    return -x, -y, -z
+def _times(load: FrameForce, factor: float, start: float, ramp: float) -> FrameForce:
+    """Another load in its place, without end."""
+    force, moment = ((factor * x, factor * y, factor * z) for x, y, z in (load.force, load.moment))
+    return replace(load, force=force, moment=moment, start=start, ramp=ramp, until=None)
 
 
 def loads(
