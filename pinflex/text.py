@@ -20,12 +20,12 @@ def number(x: float | None) -> str:
     return "0" if x == 0 else f"{x:#.4g}".rstrip(".") if 1e-3 <= abs(x) < 1e4 else f"{x:.2e}"
 
 
-def length(x: float) -> str:
-    """A length or deviation [m] in the unit a person would say."""
+def length(x: float, digits: int = 4) -> str:
+    """A length or deviation [m] in the unit a person would say; fewer digits of an estimate."""
     if x == 0:
         return "0"
     factor, unit = (1.0, "m") if abs(x) >= 1 else (1e3, "mm") if abs(x) >= 1e-5 else (1e6, "um")
-    return f"{number(factor * x)} {unit}"
+    return f"{number(factor * x) if digits == 4 else f'{factor * x:.{digits}g}'} {unit}"
 
 
 def angle(x: float) -> str:

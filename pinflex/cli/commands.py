@@ -183,15 +183,19 @@ the rigid robot allow, with --shaper shaped.""",
         ),
         option("--like", type=positive, metavar="S", help="take the limits of a quintic this long"),
         repeated("--robust", "NAME=SHARE", "payload=20%%, stiffness=10%% or friction=20%%"),
+        parameter(
+            "intervals", type=count, metavar="N", help="intervals of constant jerk (default 40)"
+        ),
         flag("--baselines", "add the usual motions for comparison"),
         flag("--off", "add a table of robots whose numbers are 5 %% off"),
         _file("--plot", help="a figure (.png, .pdf, .svg)"),
         _file("--page", help="a page (.html) on which it races the usual motions"),
         _file(
             "-o", "--output",
-            help="write motor positions, velocities, accelerations at 1 kHz; .yaml or .json: a "
+            help="write motor positions, velocities, accelerations; .yaml or .json: a "
             "JointTrajectory",
         ),
+        option("--rate", type=positive, metavar="HZ", help="rate of its rows (default 1000)"),
     ),
     "fastest",
 )  # fmt: skip

@@ -36,8 +36,7 @@ def run_command(args: argparse.Namespace) -> int:
 
     if (args.plot or args.view) and not args.verify:
         raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
-    if args.rate is not None and args.output is None:
-        raise DescriptionError("--rate is of the file that is written. Add -o FILE.csv.")
+    _rate_has_file(args)
     _check_files(args.plot, args.output, args.view)
     mechanism = load_model(args)
     motion = default_motion(mechanism)
@@ -73,6 +72,12 @@ def run_command(args: argparse.Namespace) -> int:
         data["off"] = {x.what: {"error": x.error, "shake": x.shake} for x in off}
         text += f"{robust_table(off)}\n\n"
     return answer(args, data, text, files, "-o FILE.csv saves it")
+
+
+def _rate_has_file(args: argparse.Namespace) -> None:
+    """Refuse a rate of no file."""
+    if args.rate is not None and args.output is None:
+        raise DescriptionError("--rate is of the file that is written. Add -o FILE.csv.")
 
 
 def _check_files(figure: str | None, *others: str | None) -> None:
@@ -221,6 +226,7 @@ def run_move(args: argparse.Namespace) -> int:
     from pinflex.quickest.limits import of_motion
     from pinflex.quickest.text import text
 
+    _rate_has_file(args)
     if args.robot:
         return _retimed(args)
     if args.shaper:
@@ -251,24 +257,28 @@ def run_move(args: argparse.Namespace) -> int:
 
 def _retimed(args: argparse.Namespace) -> int:
     """The same path in the least time that one factor on it allows."""
+    typed = {"settle", "intervals"} & {*values(args)}
     for option in ("to", "like", "robust", "baselines", "off", "plot", "page", "stress", "path"):
-        if getattr(args, option):
-            raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
-    if "settle" in values(args):
-        raise DescriptionError("--settle: not with --robot, which keeps the path as it is.")
+        typed |= {option} if getattr(args, option) else set()
+    for option in sorted(typed):
+        raise DescriptionError(f"--{option}: not with --robot, which keeps the path as it is.")
     writable(args.output)
     path, args.model = args.model, args.robot
     mechanism = load_model(args)
-    typed = {"velocity": args.speed, "acceleration": args.acceleration, "jerk": args.jerk,
+    given = {"velocity": args.speed, "acceleration": args.acceleration, "jerk": args.jerk,
              "effort": args.torque}  # fmt: skip
-    limits = {key: value for key, value in typed.items() if value is not None}
-    made = pf.retime(mechanism, path, limits or None, shaper=args.shaper)
-    bent = f" It leaves the path by {made.off_path:.3g} rad or m." if args.shaper else ""
+    limits = {key: value for key, value in given.items() if value is not None}
+    plan = pf.trajectory(path)
+    made = pf.retime(mechanism, plan, limits or None, shaper=args.shaper)
+    whole = made.motion.duration
+    own = made.factor * plan.duration if args.shaper else whole
     head = (
-        f"{mechanism.name}: {path} takes {made.motion.duration:.4g} s, {made.factor:.4g} of the "
-        f"time that it had. Held there by the {made.held_by}.{bent} Torques are the rigid "
-        "robot's; `pinflex solve` tells what links add."
-    )
+        f"{mechanism.name}: {path} takes {whole:.4g} s; it had {plan.duration:.4g} s. "
+        + (f"The path alone takes {own:.4g} s, {args.shaper.upper()} adds {whole - own:.4g} s and "
+           f"leaves the path by {made.off_path:.3g} rad or m. " if args.shaper else "")
+        + f"Held there by the {made.held_by}. Torques are the rigid robot's; `pinflex solve` "
+        "tells what links add."
+    )  # fmt: skip
     rows = [
         (f"{quantity} of {name}", share)
         for quantity, by_motor in made.shares.items()
@@ -276,10 +286,11 @@ def _retimed(args: argparse.Namespace) -> int:
     ]
     most = table(
         "Largest use of each limit", rows, ("limit", itemgetter(0)),
-        ("used [%]", lambda row: 100 * row[1]), names=(36,),
+        ("used [%]", itemgetter(1)), names=(36,),
     )  # fmt: skip
-    data = {"name": mechanism.name, "duration": made.motion.duration, "factor": made.factor,
-            "held_by": made.held_by, "shares": made.shares, "off_path": made.off_path}  # fmt: skip
+    data = {"name": mechanism.name, "duration": made.motion.duration, "given": plan.duration,
+            "factor": made.factor, "shaper": whole - own, "held_by": made.held_by,
+            "shares": made.shares, "off_path": made.off_path}  # fmt: skip
     files = _sent(args, mechanism, made.motion)
     return answer(args, data, Report("retimed", (head, most)).text(), files, "-o FILE.csv saves it")
 
@@ -290,7 +301,7 @@ def _sent(args: argparse.Namespace, mechanism: pf.Mechanism, motion: pf.Motion) 
         return []
     joint_trajectory = Path(args.output).suffix.lower() in _JOINT_TRAJECTORY
     write = motion.to_joint_trajectory if joint_trajectory else motion.to_csv
-    write(args.output, robot=mechanism)
+    write(args.output, robot=mechanism, rate=args.rate or 1000.0)
     return [args.output]
 
 
@@ -311,6 +322,8 @@ def _move_files(
 
 
 def _move_data(made: Fastest, rows: Sequence[Any], off: Sequence[Any]) -> dict[str, Any]:
+    from pinflex.quickest.text import left_out
+
     keys = ("name", "moves", "duration", "settled", "band", "residual", "bar", "holds", "shares",
             "rigid", "steps")  # fmt: skip
     beside = {
@@ -321,7 +334,7 @@ def _move_data(made: Fastest, rows: Sequence[Any], off: Sequence[Any]) -> dict[s
         for row in rows
     }  # fmt: skip
     return {key: getattr(made, key) for key in keys} | {
-        "robots": [*made.runs], "baselines": beside,
+        "robots": [*made.runs], "baselines": beside, "left_out": left_out(rows),
         "off": {x.what: {"error": x.error, "shake": x.shake} for x in off},
     }  # fmt: skip
 

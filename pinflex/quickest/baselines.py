@@ -66,12 +66,18 @@ class Baseline:
     rest: np.ndarray
 
 
+class Baselines(tuple[Baseline, ...]):
+    """The usual motions, and by name why some could not be made."""
+
+    left_out: dict[str, str]
+
+
 def baselines(
     found: Fastest,
     progress: Callable[[str], None] | None = None,
     profiles: tuple[str, ...] = PROFILES,
     shapers: tuple[str, ...] = SHAPERS,
-) -> tuple[Baseline, ...]:
+) -> Baselines:
     """The usual motions under the limits of a fastest one, the first to be still first."""
     nominal = found.models["nominal"]
     rigid = RigidPath(nominal, found.target, found.moves, 1.0)
@@ -82,7 +88,8 @@ def baselines(
     turning = gain > 0.0
     top = float(np.min(found.limits.motor_speed[turning] / gain[turning], initial=np.inf))
     top = _cruise(found, rigid, min(found.limits.speed, top))
-    rows = []
+    rows: list[Baseline] = []
+    left_out = {}
     for kind in profiles:
         for shaper, count in _shapers(("",) if kind in _COMMANDS else shapers, len(loud)):
             name = kind + (f" + {shaper.upper()} of {count}" if shaper else "")
@@ -99,10 +106,10 @@ def baselines(
             try:
                 rows.append(_row(name, found, make, rigid, period, kind in _COMMANDS))
             except PinflexError as failed:
-                if kind not in _COMMANDS:
-                    raise
-                (progress or (lambda line: None))(f"left out: {failed}")
-    return tuple(sorted(rows, key=lambda row: (row.settled, row.residual)))
+                left_out[name] = str(failed)
+    every = Baselines(sorted(rows, key=lambda row: (row.settled, row.residual)))
+    every.left_out = left_out
+    return every
 
 
 def _cruise(found: Fastest, rigid: RigidPath, top: float) -> float:

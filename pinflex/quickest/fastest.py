@@ -361,21 +361,23 @@ def _searched(
     search, asked = Search(alone, grid, told), _FIRST * close if many else close
     found = search.go(first, _STEPS, asked)
     if task.box is None and (not found.kept or found.profile.duration > _FAR * bound):
-        again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, asked)
+        try:
+            again = Search(alone, grid, told).go(_shaped(task, first), _STEPS, asked)
+        except ConvergenceError:  # no step from there keeps the jerk: the first search stands
+            again = found
         found = min(found, again, key=lambda x: (not x.kept, x.profile.duration))
     if many:
         search = Search(task, grid, told, max(search.radius, RESTART))
         found = search.go(found.profile, _STEPS, _ALL * close)
     if task.pushed and found.kept:
         found = _refined(Search(task, grid, told), found, close)
-    if not found.kept:
+    if broken := found.broken:
         raise ConvergenceError(
-            f"{task.models[0].name}: fastest: no motion found that keeps all: the best one shakes "
-            f"{found.shake:.3g} of the band and takes {100 * found.push:.4g} % of the torques"
-            f"{_strained(task, found)}. "
-            "Allow more intervals, or a wider band."
+            f"{task.models[0].name}: fastest: no motion found that keeps all: the best one, of "
+            f"{found.profile.duration:.4g} s, {' and '.join(broken)}. Allow more intervals than "
+            f"{found.profile.n}, a wider band, or higher limits."
         )
-    return found, steps
+    return found, steps  # equal steps have less than the band: finer runs judge what is between
 
 
 def _shaped(task: Task, like: Profile) -> Profile:
@@ -459,18 +461,18 @@ def _require_kept(
     if task.box is None and residual > task.band:
         raise ConvergenceError(
             f"{where} shakes by {1e6 * residual:.4g} um, {1e6 * task.band:.4g} were asked for. "
-            f"Give more `intervals` than {_INTERVALS}, or a slightly smaller `settle`."
+            "Give more `intervals`, or a slightly smaller `settle`."
         )
     if task.box is not None and ends is not None and np.any(np.array(ends) > task.box):
         raise ConvergenceError(
             f"{where} ends {ends[0]:.4g} from rest at {ends[1]:.4g} a second; {task.box[0]:.4g} "
-            f"and {task.box[1]:.4g} were asked for. Give more `intervals` than {_INTERVALS}."
+            f"and {task.box[1]:.4g} were asked for. Give more `intervals`."
         )
     name, most = max(shares.items(), key=lambda item: item[1], default=("", 0.0))
     if most > 1.0 + _BROKEN:
         raise ConvergenceError(
-            f"{where} takes {100 * most:.4g} % of the limit of {name}. Give more `intervals` than "
-            f"{_INTERVALS}, or a slightly lower limit."
+            f"{where} takes {100 * most:.4g} % of the limit of {name}. Give more `intervals`, or "
+            "a slightly lower limit."
         )
 
 

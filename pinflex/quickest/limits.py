@@ -389,9 +389,11 @@ def slowness(
         return max(float(np.max(np.abs(x))) for x in (*shares, *along))
 
     low = high = 1e3
-    lasts = 0.0 < used(high) < 1.0
+    lasts = used(high) < 1.0
     while lasts and low > 1e-3 and used(low) <= 1.0 + _ROUND:  # from slow ones, which samples show
         low, high = 0.5 * low, low
+    if lasts and low <= 1e-3 and make(low).duration == make(high).duration:
+        return low  # the profile's own jerk and speed let it be no faster
     if not lasts or low <= 1e-3:
         raise DescriptionError(
             "fastest: limits: they hold no motion, or none at all is given. Give torque, speed or "

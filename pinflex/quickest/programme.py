@@ -105,7 +105,10 @@ def solved(
     found = linprog(cost, A_ub=A, b_ub=np.concatenate(rows.b), A_eq=E * scale, b_eq=e,
                     bounds=bounds, method="highs")  # fmt: skip
     if found.status != 0:
-        raise ConvergenceError(f"fastest: the linear programme: {found.message}")
+        raise ConvergenceError(
+            f"fastest: with {n} intervals no motion nearby keeps the limits along the path "
+            f"({found.message.partition('(')[0].strip(' .')}). Allow more intervals, or more jerk."
+        )
     x = scale * found.x
     after = Profile(profile.ends, profile.x + x[:numbers], T + x[numbers])
     return after, 1.0 + float(cost @ found.x), (float(found.x[-2]), float(found.x[-1]))

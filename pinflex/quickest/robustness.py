@@ -155,7 +155,7 @@ def robustness(
         return run.frame(frame).position, run.t >= end
 
     nominal, after = place(mechanism)
-    rows = [Off("nothing", 0.0, float(np.ptp(nominal[after], axis=0).max()))]
+    rows = [Off("as modelled", 0.0, float(np.ptp(nominal[after], axis=0).max()))]
     for kind in KINDS:
         for sign in (-1.0, 1.0):
             try:

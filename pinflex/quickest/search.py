@@ -192,6 +192,17 @@ class Look:
         return most <= 1.0 + _OVER and self.shake <= self.still and self.speed <= 1.0 + _FASTER
 
     @property
+    def broken(self) -> list[str]:
+        """Which are not, in words; of the band all of it, not only what equal steps must find."""
+        limits = (
+            (self.shake, 1.0, "of what is allowed at the end"),
+            (self.push, 1.0 + _OVER, "of a limit of torque"),
+            (self.strain, 1.0 + _OVER, "of a limit of stress or path"),
+            (self.speed, 1.0 + _FASTER, "of the limit of the platform's speed"),
+        )
+        return [f"takes {100 * x:.4g} % {what}" for x, most, what in limits if x > most]
+
+    @property
     def near(self) -> IntArray:
         """Instants at which a step may reach a limit of stress or path."""
         return np.flatnonzero(np.any(self.use > _CLOSE, axis=1))

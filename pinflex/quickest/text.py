@@ -22,7 +22,7 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
     holds = ", ".join(
         f"{name} ({percent(x)} of the time)" for name, x in [*found.holds.items()][:_NAMED]
     )
-    bound = found.duration / found.rigid - 1.0
+    bound = 1.0 - found.rigid / found.duration
     head = (
         f"{found.name}: the fastest move takes {found.duration:.5g} s. {_settling_words(found)} "
         f"The rigid robot's own least time is {found.rigid:.4g} s, {percent(abs(bound))} "
@@ -35,6 +35,7 @@ def text(found: Fastest, rows: Sequence[Baseline] = (), off: Sequence[Off] = ())
               [[name, number(100 * x)] for name, x in found.shares.items()], (36,)),
         _robots(found),
         _baselines(found, rows),
+        *(paragraph(f"Left out: {name}: {why}") for name, why in left_out(rows).items()),
         robust_table(off),
     )  # fmt: skip
 
@@ -48,7 +49,7 @@ def _settling_words(found: Fastest) -> str:
         )
     return (
         f"From its end on the platform stays within {length(found.residual)} of where it comes to "
-        f"rest ({length(found.band)} asked; runs are right to {length(found.bar)})."
+        f"rest ({length(found.band)} asked; runs are right to {length(found.bar, 2)})."
     )
 
 
@@ -64,14 +65,20 @@ def _baselines(found: Fastest, rows: Sequence[Baseline]) -> str:
         return ""
     mine = ["fastest", f"{found.duration:.4f}", f"{found.settled:.4f}", "-", length(found.residual),
             number(100 * found.shares_of_torque)]  # fmt: skip
+    still = found.settled if 0.0 < found.settled < np.inf else found.duration
     cells = [mine] + [
         [row.name, f"{row.ends:.4f}", f"{row.settled:.4f}" if np.isfinite(row.settled) else "later",
-         percent(row.settled / found.duration - 1.0, 3, "+") if np.isfinite(row.settled) else "-",
+         percent(row.settled / still - 1.0, 3, "+") if np.isfinite(row.settled) else "-",
          length(row.residual), number(100 * row.push)]
         for row in rows
     ]  # fmt: skip
     heads = "motion|ends [s]|still from [s]|longer|shakes after its end|torque [%]"
     return table("Beside it, under the same limits and for the same robots", heads, cells, (22,))
+
+
+def left_out(rows: Sequence[Baseline]) -> dict[str, str]:
+    """Usual motions that could not be made, by name why."""
+    return dict(getattr(rows, "left_out", {}))
 
 
 def robust_table(off: Sequence[Off]) -> str:

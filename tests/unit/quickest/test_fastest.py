@@ -10,6 +10,9 @@ Claims:
       9e-5
 """
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -30,8 +33,9 @@ from pinflex.quickest.limits import (
     of_motion,
 )
 from pinflex.quickest.response import Grid
-from pinflex.quickest.robustness import corners, varied
+from pinflex.quickest.robustness import corners, robustness, varied
 from pinflex.quickest.search import Search, Task, rigid_least
+from pinflex.quickest.text import text
 
 MASS = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 NONE = 'effort="0" velocity="0"'
@@ -239,6 +243,40 @@ def test_a_jerk_limit_is_enough(tmp_path):
                        intervals=8)  # fmt: skip
     assert found.rigid == pytest.approx(1.0, rel=1e-4)  # its last step gains 1e-5
     assert found.duration == pytest.approx(1.0, rel=2e-3)  # and that of this one 1.2e-3
+    rows = baselines(found, profiles=("jerk-limited", "quintic"), shapers=("",))
+    assert [row.name for row in rows] == ["jerk-limited"]  # a quintic's jerk is not asked about
+    assert rows[0].ends == pytest.approx(1.0, rel=1e-9)  # the closed form, at any acceleration
+    assert "hold no motion" in rows.left_out["quintic"]
+    found = replace(found, duration=0.64, settled=0.63, rigid=0.48)
+    assert "Left out: quintic: fastest: limits" in text(found, rows)
+    shown = " ".join(text(found, [replace(rows[0], settled=0.945)]).split())
+    assert "least time is 0.48 s, 25 % less" in shown  # of 0.64
+    assert "0.9450 +50 %" in shown  # of 0.63: still after still
+
+
+def test_finer_runs_judge_what_equal_steps_leave_of_the_band(two, monkeypatch):
+    """Steps aim at 0.96 of the band: a search that asks for half of it refused what keeps it."""
+    monkeypatch.setattr("pinflex.quickest.search._STILL", 0.5)
+    band = 1e-2
+    found = pf.fastest(two, {"drive": 1.0}, settle=band, limits={"jerk": 1.0}, intervals=12,
+                       close=1e-2)  # fmt: skip
+    z, v, T = 0.0, 0.0, found.duration  # of the load against the cart: z'' + z = -a
+    A = np.array([[0, 1, 0, 0], [-1, 0, -1, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
+    state = np.array([z, v, 0.0, 0.0])
+    for jerk, h in zip(found.profile.x, np.diff(found.profile.ends) * T, strict=True):
+        state[3] = jerk / T**3
+        state = expm(A * h) @ state
+    swing = np.hypot(*state[:2])
+    assert 0.5 * band < swing < band
+    assert swing == pytest.approx(found.residual, rel=1e-2)  # watched two periods in samples
+
+
+def test_what_no_motion_keeps_is_named(two):
+    """Four jerks: place, speed, acceleration at the end and two of the swing are five numbers."""
+    with pytest.raises(pf.ConvergenceError, match=r"% of what is allowed at the end.*than 4,"):
+        pf.fastest(two, {"drive": 1.0}, settle=1e-6, limits={"jerk": 9.0}, intervals=4)
+    with pytest.raises(pf.ConvergenceError, match="with 2 intervals no motion .* more intervals"):
+        pf.fastest(two, {"drive": 1.0}, settle=1e-6, limits={"jerk": 9.0}, intervals=2)
 
 
 def test_derivatives_are_those_of_runs(two):
@@ -286,6 +324,9 @@ def test_robots_that_are_off_are_heavier_or_softer(two):
     assert pf.modes(soft).frequencies[0] == pytest.approx(base * 0.9, rel=1e-9)
     slow, fast = sorted(corners({"payload": 0.2, "stiffness": 0.1}), key=lambda x: x["stiffness"])
     assert slow == {"payload": 1.2, "stiffness": 0.9} and fast == {"payload": 0.8, "stiffness": 1.1}
+    assert robustness(two, pf.quintic(joints={"drive": 1.0}, duration=3.0), 6.0, 3.0)[0].what == (
+        "as modelled"
+    )
     with pytest.raises(pf.DescriptionError, match="friction"):
         varied(two, "friction", 2.0)
     with pytest.raises(pf.DescriptionError, match='Did you mean "payload"'):
@@ -314,9 +355,15 @@ def test_a_trajectory_is_retimed_from_the_shell(two, tmp_path, capsys):
     model.write_text(YAML)
     asked = ["move", str(plan), "--robot", str(model), "--speed", "0.5"]
     assert main([*asked, "--torque", "9", "-o", str(out)]) == 0
-    assert "velocity of drive" in capsys.readouterr().out
+    assert re.search(r"velocity of drive +100\.0\n", capsys.readouterr().out)
     # rows of 0.01 s are joined by quintics, and the last row is the first one after the end
     assert pf.trajectory(out).duration == pytest.approx(1.875 / 0.5, abs=2e-3)
+    assert main([*asked, "--torque", "9", "-o", str(out), "--rate", "50", "--shaper", "zvd"]) == 0
+    said = " ".join(capsys.readouterr().out.split())  # ZVD: a period of 2 pi s
+    assert "takes 10.03 s; it had 9 s. The path alone takes 3.75 s, ZVD adds 6.283 s" in said
+    assert np.diff(np.loadtxt(out, delimiter=",", skiprows=1)[:, 0])[0] == pytest.approx(0.02)
+    assert main([*asked, "--rate", "50"]) == 2
+    assert "Add -o FILE.csv" in capsys.readouterr().err
     assert main([*asked, "--settle", "1um"]) == 2
     assert "--settle: not with --robot" in capsys.readouterr().err
 
