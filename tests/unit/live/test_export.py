@@ -325,7 +325,7 @@ def test_names_and_units_are_those_of_results() -> None:
     told = {one.name: one.unit for one in outputs_of(robot).signals}
     path = pf.solve(robot, level="rigid", samples=3).to_pandas()
     shared = told.keys() & set(path.columns)
-    assert len(shared) == 6 + 6 + 6  # torques, positions, platform
+    assert len(shared) == 6 + 6 + 6 + 6  # torques, positions, speeds, platform
     assert all(told[name] == path.attrs["units"][name] for name in shared)
     assert {one.unit for one in commands(robot, True)} == {"N"}
 
