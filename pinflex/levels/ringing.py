@@ -31,7 +31,7 @@ _SEEN = 0.01  # of what the loudest mode leaves at the platform: a mode that is 
 _SAME = 0.05  # relative: modes so close are one to a shaper
 _ONE = 1e-3  # relative: modes so close have no shapes of their own
 _OFF = np.linspace(0.8, 1.2, 81)  # of a frequency
-_SAMPLES = 1000, 16000  # of the motion, at least and at most; 8 for a period of the fastest mode
+_SAMPLES = 2000, 16000  # of the motion, at least and at most; 8 for a period of the third mode
 _QUIET = 1e-9  # of the deflection under way: less after the stop is round-off
 
 
@@ -111,16 +111,17 @@ def _excited(mechanism: Mechanism, motion: Motion) -> tuple[Array, Array, Array]
     """Frequencies [Hz] and damping along a motion, (instants, k); what each leaves [m], (k,)."""
     from scipy.interpolate import CubicSpline
 
-    at = motion.duration * (np.arange(_INSTANTS) + 0.5) / _INSTANTS
+    at = np.linspace(0.0, motion.duration, _INSTANTS)
     omega, damping, by_motor, rest, moved = _along(mechanism, nominal(mechanism, motion, at))
     w, zeta = omega.mean(axis=0), damping.mean(axis=0)
     least, most = _SAMPLES
-    n = int(np.clip(8.0 * motion.duration * w.max(initial=0.0) / (2.0 * np.pi), least, most))
+    n = int(np.clip(8.0 * motion.duration * w[:3].max(initial=0.0) / (2.0 * np.pi), least, most))
     t = motion.duration * (np.arange(n) + 0.5) / n
-    between = CubicSpline(at, np.eye(_INSTANTS))(t)
     a = nominal(mechanism, motion, t).a[:, motor_axes(mechanism).v_at]
+    between = CubicSpline(at, np.eye(_INSTANTS))(t)
     force = np.einsum("ti,ikm,tm->tk", between, by_motor, a, optimize=True)
-    force += np.einsum("ti,ik->tk", between, rest)
+    # squares of the speed start and end level, where the motion does from and to rest
+    force += CubicSpline(at, rest, bc_type="clamped")(t)
     fading = np.exp(-zeta * w * (motion.duration - t[:, None]))
     spectrum = np.abs(np.fft.rfft(force * fading, 8 * n, axis=0)) * motion.duration / n
     known = np.fft.rfftfreq(8 * n, motion.duration / n)

@@ -20,6 +20,7 @@ import pytest
 import scenes
 
 import pinflex as pf
+from pinflex.actuation.drive import nominal
 from pinflex.description.motions.motion import from_spec
 from pinflex.description.motions.trajectory import shaper
 from pinflex.levels.ringing import ringing
@@ -213,6 +214,20 @@ motion:
   duration: 0.8
   ramp: 0.15
 """
+
+
+def test_modes_that_count_as_one_have_the_range_of_all() -> None:
+    """The first three of race_r1 are those of three equal links; each of them moves otherwise."""
+    robot = pf.load("race_r1")
+    motion = default_motion(robot)
+    found = ringing(robot, motion)
+    ends = [
+        pf.modes(robot, q, count=3, preload="none").frequencies
+        for q in nominal(robot, motion, np.array([0.0, motion.duration])).q
+    ]
+    assert np.ptp(ends) > 0.01  # [Hz], above round-off
+    assert found.low[0] <= np.min(ends) + 1e-6
+    assert found.high[0] >= np.max(ends) - 1e-6
 
 
 def test_modes_that_the_motion_does_not_excite_are_left_out() -> None:
