@@ -175,7 +175,7 @@ def run_shapers(args: argparse.Namespace) -> int:
             for row in rows
         },
     }  # fmt: skip
-    return answer(args, data, f"{_shapers_report(data).text()}\n")
+    return answer(args, data, f"{_shapers_report(data, args.modes or 0).text()}\n")
 
 
 def _left(share: float) -> str:
@@ -183,7 +183,11 @@ def _left(share: float) -> str:
     return f"{100 * share:.2g}" if share > _ROUND_OFF else "0"
 
 
-def _shapers_report(data: dict[str, Any]) -> Report:
+def _shapers_report(data: dict[str, Any], asked: int) -> Report:
+    few = "" if len(data["modes"]) >= asked else (
+        f" There are no {asked}: the others of the first nine lie within 5 % of those listed, or "
+        "nothing excites them."
+    )  # fmt: skip
     shapers = [{"shaper": kind.upper(), **row} for kind, row in data["shapers"].items()]
     errors = [
         (f"{100 * e:+.0f} %" if e else "0", lambda row, k=k: row["residual"][k], _left)
@@ -198,7 +202,7 @@ def _shapers_report(data: dict[str, Any]) -> Report:
             ("left at the platform [%]", "share"), names=(4,),
         ),
         "Left at the platform: of what all modes shake it by after the motion without a shaper, if "
-        f"their frequencies are up to 20 % off. Modes not listed: {_left(data['others'])} %.",
+        f"their frequencies are up to 20 % off. Modes not listed: {_left(data['others'])} %.{few}",
         table(
             "Vibration left of the worst mode listed [% of its own] where its frequency is off by",
             shapers, "shaper",
