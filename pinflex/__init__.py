@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     from pinflex.inversion.linear_model import LinearModel, linearise
     from pinflex.inversion.retime import Retimed, retime
     from pinflex.inversion.verify import track
-    from pinflex.levels.modes import Modes, modes, ringing
+    from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
         Equilibrium,
         UnstableWarning,
@@ -97,6 +97,7 @@ if TYPE_CHECKING:
         static_equilibrium,
     )
     from pinflex.levels.rigid import inverse_dynamics
+    from pinflex.levels.ringing import ringing
     from pinflex.live.export import export_c, export_fmu
     from pinflex.live.sensors import Encoder, Imu, StrainGauge
     from pinflex.live.simulator import Simulator
@@ -273,7 +274,6 @@ _HOME = {
     "levels.modes": (
         "Modes",
         "modes",
-        "ringing",
     ),
     "levels.quasistatic": (
         "Equilibrium",
@@ -282,6 +282,7 @@ _HOME = {
         "static_equilibrium",
     ),
     "levels.rigid": ("inverse_dynamics",),
+    "levels.ringing": ("ringing",),
     "live.export": (
         "export_c",
         "export_fmu",

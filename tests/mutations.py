@@ -335,7 +335,7 @@ altered("pinflex.results.verdict", "return max(band, tol * deviation)", "return 
     ),
     "damping of what a motion excites is twice as large": (
         """
-altered("pinflex.levels.modes", "/ (2.0 * omega)", "/ omega")
+altered("pinflex.levels.ringing", "/ (2.0 * omega)", "/ omega")
 """,
         ["tests/unit/studies/test_check_damping.py"],
     ),

@@ -20,7 +20,8 @@ from pinflex.browser.recipe import TableArrays as Tables
 from pinflex.browser.recipe import pattern_of, widened
 from pinflex.description.description import Description
 from pinflex.errors import PinflexError
-from pinflex.levels.modes import default_motion, ringing
+from pinflex.levels.modes import default_motion
+from pinflex.levels.ringing import ringing
 from pinflex.mechanics.mechanism import Mechanism, load
 
 TIMES = "times"  # unit of factors

@@ -208,8 +208,9 @@ if the frequencies are up to 20 % off. `shaper: zvd` in the motion applies one."
     "pinflex shapers delta\n  pinflex solve delta --set motion.shaper=zvd",
     (
         option(
-            "--modes", type=count, default=3, metavar="N",
-            help="how many modes to cancel at most (default 3)",
+            "--modes", type=count, default=None, metavar="N",
+            help="how many modes to cancel, those within 5 %% count once (default: up to 3 that "
+            "leave more than 1 %% of what the loudest does)",
         ),
     ),
 )  # fmt: skip

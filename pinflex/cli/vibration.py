@@ -155,13 +155,17 @@ def run_shapers(args: argparse.Namespace) -> int:
     mechanism = load_model(args)
     with working("finding what rings"):
         ringing, rows = shapers(mechanism, modes=args.modes)
-    columns = ringing.frequencies, ringing.low, ringing.high, ringing.damping
+    keys = "frequency", "low", "high", "damping", "share"
+    columns = (
+        ringing.frequencies, ringing.low, ringing.high, ringing.damping, ringing.share
+    )  # fmt: skip
     data: dict[str, Any] = {
         "name": mechanism.name,
         "modes": [
-            dict(zip(("frequency", "low", "high", "damping"), map(float, mode), strict=True))
-            for mode in zip(*columns, strict=True)
+            {"mode": int(k), **dict(zip(keys, map(float, mode), strict=True))}
+            for k, *mode in zip(ringing.number, *columns, strict=True)
         ],
+        "others": ringing.others,
         "errors": list(ERRORS),
         "shapers": {
             row.kind: {
@@ -171,7 +175,7 @@ def run_shapers(args: argparse.Namespace) -> int:
             for row in rows
         },
     }  # fmt: skip
-    return answer(args, data, f"{_shapers_report(data).text()}\n")
+    return answer(args, data, f"{_shapers_report(data, args.modes or 0).text()}\n")
 
 
 def _left(share: float) -> str:
@@ -179,8 +183,11 @@ def _left(share: float) -> str:
     return f"{100 * share:.2g}" if share > _ROUND_OFF else "0"
 
 
-def _shapers_report(data: dict[str, Any]) -> Report:
-    modes = [{"mode": k, **mode} for k, mode in enumerate(data["modes"], 1)]
+def _shapers_report(data: dict[str, Any], asked: int) -> Report:
+    few = "" if len(data["modes"]) >= asked else (
+        f" There are no {asked}: the others of the first nine lie within 5 % of those listed, or "
+        "nothing excites them."
+    )  # fmt: skip
     shapers = [{"shaper": kind.upper(), **row} for kind, row in data["shapers"].items()]
     errors = [
         (f"{100 * e:+.0f} %" if e else "0", lambda row, k=k: row["residual"][k], _left)
@@ -188,16 +195,22 @@ def _shapers_report(data: dict[str, Any]) -> Report:
     ]
     return Report(data["name"], (
         table(
-            "Vibrations that the motion excites, motors locked", modes, "mode",
+            "Vibrations that the motion excites, motors locked", data["modes"], "mode",
             ("frequency [Hz]", "frequency"),
             ("along the motion [Hz]", lambda mode: f"{mode['low']:.4g} to {mode['high']:.4g}"),
-            ("damping [-]", "damping"), names=(4,),
+            ("damping [-]", "damping"),
+            ("left at the platform [%]", "share"), names=(4,),
         ),
+        "Left at the platform: of what all modes shake it by after the motion without a shaper, if "
+        f"their frequencies are up to 20 % off. Modes not listed: {_left(data['others'])} %.{few}",
         table(
-            "Vibration left [%] where the frequency is off by", shapers, "shaper",
+            "Vibration left of the worst mode listed [% of its own] where its frequency is off by",
+            shapers, "shaper",
             ("longer by [s]", "time"), *errors, ("along the motion", "along", _left),
             ("width at 5 % [%]", "width", lambda x: f"{x:.0f}"), names=(6,),
         ),
+        "Not in this table: modes that are not listed, and what grows with the square of the speed "
+        "(centrifugal forces, poses that change the modes); `pinflex compare` has both.",
         "`shaper: zvd` in the motion of the YAML (or --set motion.shaper=zvd) applies one; "
         "pinflex command finds a motion that leaves none.",
     ))  # fmt: skip

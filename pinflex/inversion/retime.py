@@ -26,8 +26,8 @@ from pinflex.description.robots.urdf import MotorLimits
 from pinflex.description.trajectories.profiles import by_name
 from pinflex.description.trajectories.waypoints import slowed
 from pinflex.errors import DescriptionError, MotionError, nearest
-from pinflex.levels.modes import ringing
 from pinflex.levels.rigid import multipliers
+from pinflex.levels.ringing import ringing
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import card, grid

@@ -18,8 +18,8 @@ from pinflex.actuation.path import Path, motor_axes, plain_motion
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, hold
-from pinflex.description.motions.trajectory import MODES, shaped
 from pinflex.description.motions.trajectory import read as read_shaper
+from pinflex.description.motions.trajectory import shaped
 from pinflex.description.reading.schema import number
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
@@ -409,80 +409,7 @@ def rigid_body(found: Modes) -> str:
     return f"{n} rigid-body mode{'s'[: n != 1]} at 0 Hz" if n else ""
 
 
-# Vibrations that a motion excites; the motion of the YAML, shaped so that it excites less.
-
-_INSTANTS = 9
-_LOOKED_AT = 9  # lowest modes
-_SEEN = 0.05  # share of the largest energy at which a mode counts
-_SAME = 0.05  # relative: modes so close are one to a shaper
-
-
-@dataclass(frozen=True)
-class Ringing:
-    """Modes with locked motors that a motion excites, in the order of their frequencies.
-
-    Attributes:
-        frequencies: In the middle of their range along the motion [Hz], shape (k,).
-        low, high: Ends of the range [Hz], shape (k,).
-        damping: Damping ratio in the middle [-], shape (k,).
-        energy: Elastic energy that the motion's inertia forces put into each at most [J], (k,).
-    """
-
-    __repr__ = brief
-
-    frequencies: Array
-    low: Array
-    high: Array
-    damping: Array
-    energy: Array
-
-
-@public
-@takes_model
-def ringing(mechanism: Mechanism, motion: Motion, most: int = MODES) -> Ringing:
-    """The vibrations that a motion excites: of largest elastic energy under its inertia forces.
-
-    Modes that lie within 5 % of each other count once.
-
-    Args:
-        mechanism: With a flexible link or an elastic joint.
-        motion: Its motion.
-        most: Number of modes at most.
-    Raises:
-        DescriptionError: Nothing vibrates, or the motion excites nothing.
-        ConvergenceError, MotionError: No equilibrium, or the motion cannot be followed.
-    """
-    system = mechanism.flexible
-    if not mechanism.compliant:
-        raise DescriptionError(
-            f"{mechanism.name}: nothing vibrates. Describe flexible links or elastic joints."
-        )
-    # inside, where accelerations are: at the ends a smooth motion has none
-    t = motion.duration * (np.arange(_INSTANTS) + 0.5) / _INSTANTS
-    path, dynamics, rows = nominal(mechanism, motion, t), Equations(system), []
-    for q, acceleration in zip(path.q, path.a, strict=True):
-        found = modes(mechanism, q, count=_LOOKED_AT, preload="none")
-        alive = found.frequencies > 0.0
-        shapes, omega = found.shapes[:, alive], 2.0 * np.pi * found.frequencies[alive]
-        a = np.zeros(system.nv)
-        a[: len(acceleration)] = acceleration
-        energy = 0.5 * (shapes.T @ (dynamics.mass(found.y) @ a) / omega) ** 2
-        damping = np.einsum("ik,ij,jk->k", shapes, system.D, shapes) / (2.0 * omega)
-        rows.append(np.stack([omega / (2.0 * np.pi), damping, energy]))
-    many = min(row.shape[1] for row in rows)
-    f, damping, energy = np.stack([row[:, :many] for row in rows], axis=1)
-    peak = energy.max(axis=0, initial=0.0)
-    if not many or not np.any(peak > 0.0):
-        raise DescriptionError(f"{mechanism.name}: the motion excites no vibration.")
-    ranked = [k for k in np.argsort(-peak) if peak[k] >= _SEEN * peak.max()]
-    low, high = f.min(axis=0), f.max(axis=0)
-    middle = 0.5 * (low + high)
-    kept: list[int] = []
-    for k in ranked:
-        if len(kept) < most and all(abs(middle[k] / middle[j] - 1.0) > _SAME for j in kept):
-            kept.append(int(k))
-    at = np.sort(np.array(kept))
-    return Ringing(middle[at], low[at], high[at], damping.mean(axis=0)[at], peak[at])
+# The motion of the YAML, shaped where it says so.
 
 
 def default_motion(mechanism: Mechanism) -> Motion:
@@ -507,6 +434,8 @@ def _written(mechanism: Mechanism) -> Motion:
         return motion
     if asked.frequencies:
         return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+    from pinflex.levels.ringing import ringing  # which asks for modes
+
     found = ringing(mechanism, motion, asked.modes)
     return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
 

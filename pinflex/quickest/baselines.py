@@ -19,7 +19,8 @@ from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.errors import DescriptionError, PinflexError
-from pinflex.levels.modes import modes, ringing
+from pinflex.levels.modes import modes
+from pinflex.levels.ringing import ringing
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.fastest import Fastest
 from pinflex.quickest.limits import RigidPath, slowness
@@ -81,8 +82,8 @@ def baselines(
     """The usual motions under the limits of a fastest one, the first to be still first."""
     nominal = found.models["nominal"]
     rigid = RigidPath(nominal, found.target, found.moves, 1.0)
-    heard = ringing(nominal, found.motion, _HEARD)
-    loud = np.argsort(-heard.energy)
+    heard = ringing(nominal, found.motion)
+    loud = np.argsort(-heard.share)[:_HEARD]
     period = 1.0 / float(modes(nominal, rigid.end, count=1).frequencies[0])
     gain = np.abs(rigid.motor_speed(np.linspace(0.0, 1.0, 101))).max(axis=0)
     turning = gain > 0.0

@@ -13,8 +13,9 @@ from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, quintic
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, nearest
-from pinflex.levels.modes import modes, ringing
+from pinflex.levels.modes import modes
 from pinflex.levels.quasistatic import static_equilibrium
+from pinflex.levels.ringing import ringing
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model

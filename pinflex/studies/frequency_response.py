@@ -20,11 +20,12 @@ from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.laws import table
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.trajectory import KINDS, MODES, TOLERATED, Shaper, shaper
+from pinflex.description.motions.trajectory import KINDS, TOLERATED, Shaper, shaper
 from pinflex.errors import DescriptionError, nearest
 from pinflex.inversion.linear_model import LinearModel, linearise
 from pinflex.inversion.on_grid import zeros as internal_zeros
-from pinflex.levels.modes import Ringing, modes, ringing
+from pinflex.levels.modes import modes
+from pinflex.levels.ringing import Ringing, ringing
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.text import brief
 from pinflex.viewer.plots.drawing import COLOURS, Drawing, Room, panels, title
@@ -457,7 +458,7 @@ class ShaperRow:
 
 
 def shapers(
-    mechanism: Mechanism, motion: Motion | None = None, modes: int = MODES
+    mechanism: Mechanism, motion: Motion | None = None, modes: int | None = None
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
     """What ZV, ZVD and EI would do for the vibrations that a motion excites."""
     found = ringing(mechanism, plain_motion(mechanism) if motion is None else motion, modes)

@@ -4,6 +4,8 @@ Claims:
     Commands: motions that the platform follows
     - shapers: no vibration at the frequency; ZV, ZVD, EI curves; an oscillator is left at rest |
       closed forms; scipy | 1e-14; 1e-6 | passes
+    - what `shapers` promises along the motion, and the share of modes that it leaves out | coupled
+      runs of a delta and a ur10 | 0.25 to 1.25; 0.5 to 2 | passes
     - a shaper 10 % off: first mode of a flexible arm after the motion, level coupled; YAML `shaper`
       | the shaper's curve | 1e-3 | passes
 """
@@ -18,9 +20,10 @@ import pytest
 import scenes
 
 import pinflex as pf
+from pinflex.actuation.drive import nominal
 from pinflex.description.motions.motion import from_spec
 from pinflex.description.motions.trajectory import shaper
-from pinflex.levels.modes import ringing
+from pinflex.levels.ringing import ringing
 from pinflex.solver.solve import default_motion
 from pinflex.studies.frequency_response import ERRORS, shapers
 
@@ -140,6 +143,91 @@ def test_the_table_has_the_published_widths_and_the_time() -> None:
     ratio = 1.0 + np.array(ERRORS)
     np.testing.assert_allclose(rows[1].residual, np.cos(np.pi * ratio / 2) ** 2, atol=1e-14)
     assert rows[0].along > rows[1].along  # the frequency moves by 3 % along the motion
+
+
+def shaken(scene: str | Path, shaper_block: str = "") -> float:
+    """Half the range of the platform in 0.4 s after the motion [m], level coupled."""
+    words = [f"motion.shaper={shaper_block}"] if shaper_block else []
+    robot = pf.load(scene, words)
+    end = default_motion(robot).duration
+    run = pf.solve(robot, level="coupled", tol=1e-5, until=end + 0.4)
+    place = run.arrays[f"frame/{robot.description.platform}/position"][run.t >= end]
+    return 0.5 * float(np.linalg.norm(np.ptp(place, axis=0)))
+
+
+def test_a_coupled_run_leaves_what_the_table_promises_along_the_motion() -> None:
+    """The table is of the worst frequency on the way, so a run leaves less, but not far less.
+
+    Without the mode at 66 Hz, 3 % of the swing, ZVD left 2.5 % where 0.29 were promised.
+    """
+    found, rows = shapers(pf.load("delta"))
+    plain = shaken("delta")
+    for row in rows:
+        promised = row.along + found.others
+        # above a quarter: the mean frequency is in the middle of the range, not at its end;
+        # 1.25: the size of the swing without a shaper depends on where in a period it begins
+        assert 0.25 * promised < shaken("delta", row.kind) / plain < 1.25 * promised
+
+
+def test_a_third_mode_of_a_ur10_is_shaped_and_the_table_tells_what_it_leaves(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("example_robot_data")
+    scene = tmp_path / "ur10.yaml"
+    scene.write_text(UR10)
+    robot = pf.load(scene)
+    found, _ = shapers(robot)
+    assert found.number.tolist() == [1, 2, 3]
+    natural = pf.modes(robot, count=3).frequencies
+    # 5 %: under gravity at home there, undeformed in the middle of the motion here
+    np.testing.assert_allclose(found.frequencies, natural, rtol=0.05)
+    plain = shaken(scene)
+    # 0.5 %: 0.24, what grows with the square of the speed; of a tenth of the motion 0.005 is left
+    assert shaken(scene, "zvd") < 0.005 * plain
+    two, _ = shapers(robot, modes=2)
+    assert two.number.tolist() == [1, 2]
+    # the third alone: a share of the largest spectrum within 20 %, so to a factor of two
+    assert 0.5 < shaken(scene, "{kind: zvd, modes: 2}") / plain / two.others < 2.0
+    assert [len(shapers(robot, modes=n)[0].number) for n in (1, 4)] == [1, 4]
+    assert shapers(robot, modes=1)[0].number.tolist() == [2]  # as in the table of all modes
+
+
+ARMS = "shoulder_pan_joint, shoulder_lift_joint, elbow_joint, wrist_1_joint"
+UR10 = f"""\
+urdf: example-robot-data:ur10
+actuated: [{ARMS}, wrist_2_joint, wrist_3_joint]
+platform: tool0
+home: {{shoulder_lift_joint: -1.2, elbow_joint: 1.6, wrist_1_joint: -1.9, wrist_2_joint: -1.57}}
+joints:
+  shoulder_pan_joint: {{drive: {{gear: 101, motor_inertia: 2e-4, stiffness: 2e4, damping: 20}}}}
+  shoulder_lift_joint: {{drive: {{gear: 101, motor_inertia: 2e-4, stiffness: 2e4, damping: 20}}}}
+  elbow_joint: {{drive: {{gear: 101, motor_inertia: 1e-4, stiffness: 1e4, damping: 10}}}}
+  wrist_1_joint: {{drive: {{gear: 101, motor_inertia: 3e-5, stiffness: 3e3, damping: 3}}}}
+flexible:
+  upper_arm_link: {{material: aluminium, section: {{shape: tube, diameter: 120 mm, wall: 4 mm}}}}
+  forearm_link: {{material: aluminium, section: {{shape: tube, diameter: 90 mm, wall: 3 mm}}}}
+damping: {{modal: 0.01}}
+payload: {{at: tool0, mass: 5}}
+motion:
+  kind: trapezoid
+  joints: {{shoulder_pan_joint: 1.0, shoulder_lift_joint: 0.3}}
+  duration: 0.8
+  ramp: 0.15
+"""
+
+
+def test_modes_that_count_as_one_have_the_range_of_all() -> None:
+    """The first three of race_r1 are those of three equal links; each of them moves otherwise."""
+    robot = pf.load("race_r1")
+    motion = default_motion(robot)
+    found = ringing(robot, motion)
+    ends = [
+        pf.modes(robot, q, count=3, preload="none").frequencies
+        for q in nominal(robot, motion, np.array([0.0, motion.duration])).q
+    ]
+    assert np.ptp(ends) > 0.01  # [Hz], above round-off
+    assert found.low[0] <= np.min(ends) + 1e-6
+    assert found.high[0] >= np.max(ends) - 1e-6
 
 
 def test_modes_that_the_motion_does_not_excite_are_left_out() -> None:

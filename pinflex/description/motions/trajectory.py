@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # damped systems; Singhose (2009) for all three.
 
 KINDS = ("zv", "zvd", "ei")
-MODES = 3  # most of those that a motion excites
+MODES = 3  # most of those that a motion excites, where no number is given
 MOST = 2200  # impulses: 3^7, seven frequencies of the kinds of three
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
 
@@ -75,13 +75,13 @@ class ShaperSpec:
         kind: One of `KINDS`.
         frequencies: To cancel [Hz]; empty: those that the motion excites.
         damping: Damping ratio of them [-], one or one each; of modes that are looked up, theirs.
-        modes: Most modes to look up.
+        modes: Number of modes to look up; default: up to `MODES` that shake the platform.
     """
 
     kind: str = schema.word(schema.REQUIRED, KINDS)
     frequencies: tuple[float, ...] = _each((), above=0.0, of="rate")
     damping: tuple[float, ...] = _each((0.0,), low=0.0, high=0.9)
-    modes: int = schema.bare({"type": "integer", "minimum": 1, "maximum": 9}, MODES)
+    modes: int | None = schema.bare({"type": "integer", "minimum": 1, "maximum": 9}, None)
 
 
 _SHAPER = schema.keys(ShaperSpec)
@@ -98,7 +98,7 @@ def read(value: object, where: str) -> ShaperSpec | None:
         return None
     written = {"kind": value} if isinstance(value, str) else value
     block = schema.Block(written, where, _SHAPER)
-    spec = ShaperSpec(**block.read(), modes=block.get("modes", MODES))
+    spec = ShaperSpec(**block.read(), modes=block.get("modes", None))
     found = len(spec.frequencies)
     _require_few(spec.kind, found)
     if found and "modes" in block:
@@ -112,10 +112,10 @@ def read(value: object, where: str) -> ShaperSpec | None:
             f"{where}.damping: {len(spec.damping)} ratios for {found} frequencies. Give one each."
         )
     modes: object = spec.modes
-    if isinstance(modes, bool) or not isinstance(modes, int) or not 1 <= modes <= 9:
+    if "modes" in block and (type(modes) is not int or not 1 <= modes <= 9):
         raise DescriptionError(f"{where}.modes: {schema.shown(modes)}. Give 1 to 9.")
     if not found:
-        _require_few(spec.kind, modes if "modes" in block else 0)
+        _require_few(spec.kind, spec.modes or 0)
     return spec
 
 

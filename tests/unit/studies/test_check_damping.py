@@ -15,7 +15,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.motions.motion import from_spec
-from pinflex.levels.modes import ringing
+from pinflex.levels.ringing import ringing
 from pinflex.studies.checking.check import check
 from tests.scenes import UNIT_BEAM, Body, load
 
