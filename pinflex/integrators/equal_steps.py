@@ -62,9 +62,8 @@ def integrate(
         mean, at = averaged(t, drive.feed_forward, breaks)
         drive = replace(drive, feed_forward=mean)
     system, switched = dynamics.system, _switched(dynamics.system.loads, t)
-    felt = dynamics
-    if len(switched):
-        felt = Equations(replace(system, loads=system.loads.spread(t[1] - t[0])), marched=True)
+    spread = len(switched) > 0
+    felt = Equations(system.in_steps(t[1] - t[0]), marched=True) if spread else dynamics
     march = PlainAlpha(mechanism, felt, path, scheme, drive, tolerance, feedback)
     record = _Record(march, system, t, begin)
     now = resume[1] or march.first(*start, begin)

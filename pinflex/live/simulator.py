@@ -85,9 +85,7 @@ class Simulator:
         where = f"{mechanism.name}: Simulator"
         _require(where, dt, integrator, iterations=iterations, tangents=tangents, every=every)
         self.dt, self._system = float(dt), mechanism.loose
-        loads = self._system.loads
-        felt = replace(self._system, loads=loads.spread(dt)) if loads.timed else self._system
-        self._dynamics = Equations(felt, marched=True)
+        self._dynamics = Equations(self._system.in_steps(dt), marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:
             by = evaluated_by(self._system, True)
             raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
@@ -102,7 +100,7 @@ class Simulator:
         limits = _stops(mechanism) if stops else None
         self._bounds = Bounds(iterations, tangents or 0, every or 0, limits)
         self._engines: dict[bool, Engine] = {}
-        self._timed = loads.timed
+        self._timed = self._system.loads.timed
         self._sensors = {
             name: placed(mechanism, name, each) for name, each in (sensors or {}).items()
         }

@@ -24,10 +24,9 @@ def columns(result: Result) -> dict[str, Array]:
     for i, motor in enumerate(result.motors):
         table[f"torque {motor} [{result.unit('torque/' + motor)}]"] = result.torque[:, i]
     for motor in result.motors:
-        joint, unit = result.joint(motor), result.unit(f"torque/{motor}")
-        base = "m" if unit == "N" else "rad"
-        table[f"velocity {motor} [{base}/s]"] = joint.velocity
-        table[f"acceleration {motor} [{base}/s^2]"] = joint.acceleration
+        joint = result.joint(motor)
+        table[f"velocity {motor} [{result.unit('joint/v/' + motor)}]"] = joint.velocity
+        table[f"acceleration {motor} [{result.unit('joint/a/' + motor)}]"] = joint.acceleration
     for name in result.meta.get("joints", ()):
         unit, position = result.unit(f"joint/q/{name}"), result.joint(name).position
         if position.ndim == 1 or position.shape[1] == 2:  # 2: cosine and sine

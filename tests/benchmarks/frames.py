@@ -12,16 +12,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 
-import pinflex as pf
-from tests.browser.chromium import Browser
 from tests.browser.frames import Frames, dragged
-from tests.browser.trying import until
+from tests.browser.trying import opened, pages
 
 MODELS = ("delta", "ur5", "3rrr")
 SIZES = ((1280, 800), (390, 844))
@@ -44,24 +40,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("models", nargs="*", default=MODELS)
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        browser = Browser(Path(folder) / "profile")
-        try:
-            for model in asked.models:
-                page = pf.live_page(model, Path(folder) / f"{model}.html").path
-                for size in SIZES:
-                    browser.open(page, "play=1", size=size)
-                    until(browser, "return !!(pinflex.live && pinflex.live.ready)")
-                    print(f"{model}, {size[0]} x {size[1]}, load {os.getloadavg()[0]:.1f}")
-                    for words, moves, every in (("dragged", 60, 50), ("single moves", 5, 1000)):
-                        print(f"  {words}: {line(dragged(browser, 'damping', moves, every))}")
-                    moving = browser.run("return pinflex.sharpness.now")
-                    browser.run("pinflex.set({play: false})")
-                    time.sleep(1.5)
-                    still = browser.run("return pinflex.sharpness.now")
-                    print(f"  pixels in motion {moving:.2f}, at rest {still:.2f}", flush=True)
-        finally:
-            browser.driver.quit()
+    for browser, model, page in pages(asked.models):
+        for size in SIZES:
+            opened(browser, page, size, "play=1")
+            print(f"{model}, {size[0]} x {size[1]}, load {os.getloadavg()[0]:.1f}")
+            for words, moves, every in (("dragged", 60, 50), ("single moves", 5, 1000)):
+                print(f"  {words}: {line(dragged(browser, 'damping', moves, every))}")
+            moving = browser.run("return pinflex.sharpness.now")
+            browser.run("pinflex.set({play: false})")
+            time.sleep(1.5)
+            still = browser.run("return pinflex.sharpness.now")
+            print(f"  pixels in motion {moving:.2f}, at rest {still:.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ drawing that a re-run adds to a frame of the animation (median and largest over 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 
 import pinflex as pf
 from tests.browser.chromium import Browser
-from tests.browser.trying import TOL, differences, moved, opened, same_steps, somewhere
+from tests.browser.trying import TOL, differences, moved, opened, pages, same_steps, somewhere
 
 MODELS = ("delta", "ur5", "3rrr")
 KEYS = ("torque", "platform", "stress")
@@ -82,16 +81,10 @@ def main() -> None:
     parser.add_argument("--places", type=int, default=20)
     parser.add_argument("--seed", type=int, default=31)
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        browser = Browser(Path(folder) / "profile")
-        try:
-            for model in asked.models:
-                page = pf.live_page(model, Path(folder) / f"{model}.html").path
-                print(f"{model}, {asked.places} places, {page.stat().st_size / 1e6:.2f} MB")
-                found = row(browser, model, page, asked.places, asked.seed)
-                print("".join(f"  {line}\n" for line in lines(found)), end="", flush=True)
-        finally:
-            browser.driver.quit()
+    for browser, model, page in pages(asked.models):
+        print(f"{model}, {asked.places} places, {page.stat().st_size / 1e6:.2f} MB")
+        found = row(browser, model, page, asked.places, asked.seed)
+        print("".join(f"  {line}\n" for line in lines(found)), end="", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,23 @@ from tests.browser.native import apart, inside
 TOL = 1e-3  # of the pages
 
 
-def opened(browser: Browser, page: Path, size: tuple[int, int] = (1280, 800)) -> None:
-    """Open a page and wait for its kernel."""
-    browser.open(page, "sharp=0.3", size=size)
+def opened(
+    browser: Browser, page: Path, size: tuple[int, int] = (1280, 800), wish: str = "sharp=0.3"
+) -> None:
+    """Open a page as its address wishes and wait for its kernel."""
+    browser.open(page, wish, size=size)
     until(browser, "return !!(pinflex.live && pinflex.live.ready)")
+
+
+def pages(models: Sequence[str]) -> Iterator[tuple[Browser, str, Path]]:
+    """A browser and, one after the other, the pages of some models."""
+    with tempfile.TemporaryDirectory() as folder:
+        browser = Browser(Path(folder) / "profile")
+        try:
+            for model in models:
+                yield browser, model, pf.live_page(model, Path(folder) / f"{model}.html").path
+        finally:
+            browser.driver.quit()
 
 
 def until(browser: Browser, script: str) -> None:

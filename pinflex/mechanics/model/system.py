@@ -93,6 +93,10 @@ class System:
         loss = np.sum(v @ self.D * v, axis=-1)
         return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
 
+    def in_steps(self, h: float) -> System:
+        """The system as equal steps of h [s] feel it: loads that switch are spread over one."""
+        return replace(self, loads=self.loads.spread(h)) if self.loads.timed else self
+
     @property
     def sliding(self) -> System:
         """The system without dry friction: at rest its slope would hold every joint."""

@@ -277,7 +277,6 @@ def write_home(mechanism: Mechanism) -> Path:
 
 
 _PACKAGES = "example-robot-data:"
-_ONE = ("revolute", "continuous", "prismatic")
 _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning joints:
 _TURN = 0.1  # [rad]
 _SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)  # of it, the largest that can be followed
@@ -302,17 +301,14 @@ def new_scene(
     blocks = tree.joined({"xacro_args": dict(arguments)} if arguments else {})
     if "actuated" not in blocks:
         blocks |= _motors(tree, closed=bool(blocks.get("loops")))
-    plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
-    description = from_text(plain, out)
     try:
-        mechanism = load(description)
+        mechanism = _loaded(name, blocks, out)
     except PinflexError as error:
         return _text(tree, name, blocks, [], _wrapped("", [str(error)]), flexible), None
     home = home_values(mechanism) | ({} if blocks.get("loops") else _within_limits(mechanism))
     if home:  # the guesses need not search for it again
         blocks["home"] = home
-        plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
-        mechanism = load(from_text(plain, out))
+        mechanism = _loaded(name, blocks, out)
     guesses = candidates(mechanism, tuple(flexible))
     missing = sorted({*flexible} - {guess.link for guess in guesses})
     if missing:
@@ -324,8 +320,7 @@ def new_scene(
     more = [] if ways.loops or blocks.get("loops") else _pushed(tree, blocks)
     if more:
         blocks["actuated"] += more
-        plain = yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False)
-        mechanism = load(from_text(plain, out))
+        mechanism = _loaded(name, blocks, out)
     ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
     blocks["platform"] = proposals.platform(mechanism, ends)
     guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
@@ -334,6 +329,10 @@ def new_scene(
     whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
     return whole, mechanism
+
+
+def _loaded(name: str, blocks: Mapping[str, Any], out: Path) -> Mechanism:
+    return load(from_text(yaml.safe_dump({"urdf": name, **blocks}, sort_keys=False), out))
 
 
 def _within_limits(mechanism: Mechanism) -> dict[str, float]:
@@ -358,7 +357,7 @@ def _relative(path: Path, out: Path) -> str:
 def _motors(tree: Source, closed: bool) -> dict[str, Any]:
     """Motors by the transmissions of a URDF, or by name where loops are closed."""
     root = ET.fromstring(tree.text.strip())
-    single = [j.name for j in tree.joints.values() if j.type in _ONE and j.mimic is None]
+    single = [joint.name for joint in proposals.single(tree)]
     found = [
         joint.get("name", "")
         for way in root.findall("transmission")
@@ -372,14 +371,15 @@ def _motors(tree: Source, closed: bool) -> dict[str, Any]:
 
 def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
     """Joints of an open tree with an effort limit, of which no transmission speaks."""
-    found = []
-    for joint in ET.fromstring(tree.text.strip()).iterfind("joint"):
-        name, limit = joint.get("name", ""), joint.find("limit")
-        one = tree.joints.get(name)
-        single = one is not None and one.type in _ONE and one.mimic is None
-        if single and limit is not None and name not in blocks.get("actuated", [name]):
-            found += [name] if float(limit.get("effort", 0)) > 0 else []
-    return found
+    if "actuated" not in blocks:  # then every joint is a motor
+        return []
+    limits = {
+        joint.get("name"): limit
+        for joint in ET.fromstring(tree.text.strip()).iterfind("joint")
+        if (limit := joint.find("limit")) is not None and float(limit.get("effort", 0)) > 0
+    }
+    names = [joint.name for joint in proposals.single(tree)]
+    return [name for name in names if name in limits and name not in blocks["actuated"]]
 
 
 def _text(

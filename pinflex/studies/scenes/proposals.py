@@ -168,25 +168,25 @@ def _named_types(tree: Source) -> dict[str, str]:
 
 def named_motors(tree: Source) -> tuple[str, ...]:
     """Joints whose names say that they have a motor, where not all do."""
-    single = _single(tree)
-    found = tuple(joint.name for joint in single if _MOTOR.search(joint.name))
-    return found if len(found) < len(single) else ()
+    ones = single(tree)
+    found = tuple(joint.name for joint in ones if _MOTOR.search(joint.name))
+    return found if len(found) < len(ones) else ()
 
 
 def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
     """The sliding joints, else those on the base, where they are as many as the freedoms."""
-    single = _single(tree)
+    ones = single(tree)
     moved = {joint.child for joint in tree.joints.values() if joint.type != "fixed"}
     for likely in (
-        [joint.name for joint in single if joint.type == "prismatic"],
-        [joint.name for joint in single if joint.parent not in moved],
+        [joint.name for joint in ones if joint.type == "prismatic"],
+        [joint.name for joint in ones if joint.parent not in moved],
     ):
         if len(likely) == mobility:
             return tuple(likely)
     return ()
 
 
-def _single(tree: Source) -> list[SourceJoint]:
+def single(tree: Source) -> list[SourceJoint]:
     """Joints of one freedom that follow no other."""
     return [
         j for j in tree.joints.values()
