@@ -280,10 +280,10 @@ class Simulator:
 
     def _felt(self, motion: Motion, t: float, a: Array) -> Array:
         """Accelerations of the motors at t (s), `a` but beside a jump: as `pf.solve` has them."""
-        around = t + self.dt * np.arange(-3.0, 4.0)
         jumps = [switch for switch in motion.switches if abs(switch - t) <= 0.5 * self.dt]
-        if not jumps or around[0] < 0.0:
+        if not jumps or t < 3.0 * self.dt:
             return a
+        around = t + self.dt * np.arange(-3.0, 4.0)
         values = motor_path(self.mechanism, motion, around).acceleration
         return np.asarray(averaged(around, values, jumps)[0][3])
 
