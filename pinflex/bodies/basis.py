@@ -25,7 +25,6 @@ from pinflex.bodies.beam import (
     DIRECTIONS,
     beam_energy,
     bending,
-    checked_density,
     craig_bampton,
     damping,
     plain_shapes,
@@ -330,15 +329,14 @@ class FlexibleBody:
         return out
 
 
-def flexible_body(
-    link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None = None
-) -> FlexibleBody:
+def flexible_body(link: FlexibleLink, planes: Sequence[str], length: float) -> FlexibleBody:
     """Build the stations, stiffness and damping of a flexible link.
 
     craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
     Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
     """
-    density = checked_density(link, planes, length, rho)
+    density = link.material.rho
+    assert density is not None  # where it follows from the URDF's mass, `resolve` has it
     families, slices, K, M = _directions(link, planes, length, density)
     n, D = len(K), damping(link, slices, K, M)
     section, rotary = link.section, link.rotary_inertia is True

@@ -389,10 +389,23 @@ def from_spec(
     cut = section.from_spec(shape, block.at("section"))
     if "patches" in block:
         values["patches"] = read_patches(block["patches"], block.at("patches"), made.E, cut)
+    if values.get("shear") is True:
+        _require_shear(values.get("basis", Basis()), block)
     if "temperature" in block:
         _require_stretch(solid, values.get("axial"), made, block)
         values["axial"] = True
     return FlexibleLink(link, made, cut, **values)
+
+
+def _require_shear(basis: Basis, block: schema.Block) -> None:
+    """Only some bases have functions with shear."""
+    what = {"assumed": "assumed modes", "finite_element": f"{basis.order} elements"}
+    if what.get(basis.kind, "cubic elements") != "cubic elements":
+        raise block.error(
+            "shear",
+            f"{what[basis.kind]} have no shear. Use finite_element of order cubic, or "
+            "craig_bampton.",
+        )
 
 
 def _require_stretch(
