@@ -15,7 +15,6 @@ from pinflex.actuation.path import (
     MotorPath,
     Path,
     joint_curve,
-    joint_path,
     motor_axes,
     underactuated,
 )
@@ -274,7 +273,7 @@ def _open_tree(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     passive = system.free
     if len(passive):
         raise underactuated(mechanism, [mechanism.coordinates[k] for k in passive])
-    position, velocity, acceleration = joint_path(mechanism, motion, t)
+    position, velocity, acceleration = joint_curve(mechanism, motion)(t)
     q = np.tile(mechanism.home, (len(t), 1))
     axes.write(q, position)
     v, a = np.zeros((len(t), system.nv)), np.zeros((len(t), system.nv))
@@ -314,7 +313,7 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     """
     t = np.asarray(t, float)
     if motion.target == "joints":
-        return MotorPath(t, *joint_path(mechanism, motion, t))
+        return MotorPath(t, *joint_curve(mechanism, motion)(t))
     curve, fine = _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))
     return curve(t) if fine else MotorPath(t, *motors_along(mechanism, motion, t))
 

@@ -121,7 +121,7 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
 def joint_curve(
     mechanism: Mechanism, motion: Motion
 ) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Motion of the motors as a function of times (nt,): what `joint_path` answers."""
+    """Positions, velocities, accelerations of the motors, (nt, nm), of times (nt,)."""
     axes = motor_axes(mechanism)
     names = list(mechanism.description.actuated)
     home = axes.read(mechanism.home)
@@ -135,14 +135,6 @@ def joint_curve(
     if motion.absolute:
         rest[columns] = 0.0
 
-    if columns == list(range(len(names))):  # all of them, in order
-
-        def every(t: Array) -> tuple[Array, Array, Array]:
-            position, velocity, acceleration = motion.evaluate(t)
-            return position + rest, velocity, acceleration
-
-        return every
-
     def curve(t: Array) -> tuple[Array, Array, Array]:
         moved = np.zeros((3, len(t), len(names)))
         moved[:, :, columns] = motion.evaluate(t)
@@ -150,11 +142,6 @@ def joint_curve(
         return moved[0], moved[1], moved[2]
 
     return curve
-
-
-def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
-    return joint_curve(mechanism, motion)(t)
 
 
 def plain_motion(mechanism: Mechanism) -> Motion:
@@ -331,7 +318,7 @@ class Path:
     def imposed(self, t: Array) -> tuple[Array, Array, Array]:
         """Imposed coordinates over time: motor positions or platform coordinates."""
         if self.platform is None:
-            return joint_path(self.mechanism, self.motion, t)
+            return joint_curve(self.mechanism, self.motion)(t)
         p, v, a = self.motion.evaluate(t)
         if not self.motion.absolute:
             p = p + self._values(self.mechanism.home)

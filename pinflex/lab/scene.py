@@ -20,21 +20,16 @@ from pinflex.solver.solve import solve_level
 
 Vec = Sequence[float]
 
-# Keys of a flexible link that has every strain of an exact beam in a plane.
+# Keys of a flexible link that has every strain of an exact beam in space, and in a plane.
+SPACE_BEAM = "\n    ".join(
+    f"{key}: true" for key in ("bending_y", "bending_z", "torsion", "axial", "shear")
+)
 PLANE_BEAM = """bending_y: true
     bending_z: false
     torsion: false
     axial: true
     shear: true
     rotary_inertia: true"""
-
-
-# Keys of one with those of a beam in space.
-SPACE_BEAM = """bending_y: true
-    bending_z: true
-    torsion: true
-    axial: true
-    shear: true"""
 
 
 @dataclass(frozen=True)
@@ -160,6 +155,20 @@ class Check:
         return bool(self.error <= self.tolerance) and not self.reported
 
 
+def off(quantity: str, value: Any, tolerance: float, note: str = "") -> Check:
+    """A distance, which should be zero."""
+    return Check(quantity, float(value), 0.0, tolerance, False, note)
+
+
+def worst(
+    quantity: str, found: Array, exact: Any, tolerance: float, names: Any = None, note: str = ""
+) -> Check:
+    """That of several numbers that is farthest from its reference, as a fraction of it."""
+    k = int(np.argmax(np.abs(found / exact - 1)))
+    label = quantity if names is None else f"{quantity}{names[k]}"
+    return Check(label, float(found[k]), float(exact[k]), tolerance, note=note)
+
+
 @dataclass(frozen=True)
 class Series:
     """One line of a picture; a reference is drawn as points."""
@@ -184,7 +193,7 @@ class Picture:
 class Outcome:
     """Checks of one case, and at most one picture."""
 
-    checks: tuple[Check, ...]
+    checks: Sequence[Check]
     picture: Picture | None = None
 
 

@@ -198,10 +198,9 @@ def shaped(
 
 
 def _convolved(motion: Motion, made: Shaper, t: Array) -> Kinematics:
-    total = [np.zeros((len(t), len(motion.names))) for _ in range(3)]
+    total = np.zeros((3, len(t), len(motion.names)))
     for late, share in zip(made.times, made.shares, strict=True):
-        for sum_, part in zip(total, motion.evaluate(t - late), strict=True):
-            sum_ += share * part
+        total += share * np.array(motion.evaluate(t - late))
     return total[0], total[1], total[2]
 
 
@@ -460,9 +459,7 @@ def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
 
 
 def _sum(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
-    total = [np.zeros((len(t), delta.shape[1])) for _ in range(3)]
+    total = np.zeros((3, len(t), delta.shape[1]))
     for one, begin, time in zip(delta, start, duration, strict=True):
-        moved = laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))
-        for sum_, part in zip(total, moved, strict=True):
-            sum_ += part
+        total += laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))
     return total[0], total[1], total[2]
