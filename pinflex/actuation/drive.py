@@ -77,14 +77,7 @@ Instant = tuple[float, Array, Array, Array]  # t [s], q (nq,), v and a (nv,)
 
 
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
-    """Follow a motion with the rigid mechanism.
-
-    Returns:
-        Rigid positions, velocities, accelerations.
-    Raises:
-        MotionError: A pose that cannot be reached, with the time and the reason.
-        SingularityError: The path meets a singular pose, with loop, motion and sigma_min.
-    """
+    """Follow a motion with the rigid mechanism."""
     return nominal_and_more(mechanism, motion, t, np.empty(0))[0]
 
 
@@ -339,8 +332,7 @@ def _interpolated(
 ) -> tuple[Callable[[Array], MotorPath], bool]:
     """Motor motion of a platform motion as a function of times in [start, end] s.
 
-    Returns:
-        The function, and whether fewer than `most` nodes made it exact to 1e-10.
+    And whether fewer than `most` nodes made it exact to 1e-10.
     """
     nodes = 65
     while nodes < most:

@@ -93,29 +93,15 @@ class MotorPath:
 
 
 def motor_axes(mechanism: Mechanism) -> MotorAxes:
-    """Locate the motors.
-
-    Raises:
-        DescriptionError: A motor with more than one axis.
-    """
-    model = mechanism.rigid.rigid
-    q_at, v_at, paired = [], [], []
-    for name in mechanism.description.actuated:
-        joint = model.joints[model.getJointId(name)]
-        if joint.nv != 1:
-            raise DescriptionError(
-                f"{mechanism.name}: actuated: {name} has {joint.nv} axes. A motor has one axis; "
-                "split the joint in the URDF."
-            )
-        q_at.append(joint.idx_q)
-        v_at.append(joint.idx_v)
-        paired.append(int(joint.nq == 2))
-    return MotorAxes(
-        np.array(q_at, dtype=np.intp),
-        np.array(v_at, dtype=np.intp),
-        np.flatnonzero(np.logical_not(paired)),
-        np.flatnonzero(paired),
+    """Locate the motors."""
+    model, motors = mechanism.rigid.rigid, mechanism.description.actuated
+    joints = [model.joints[model.getJointId(name)] for name in motors]
+    q_at, v_at = (
+        np.array([getattr(joint, key) for joint in joints], dtype=np.intp)
+        for key in ("idx_q", "idx_v")
     )
+    paired = np.array([joint.nq == 2 for joint in joints], dtype=bool)
+    return MotorAxes(q_at, v_at, np.flatnonzero(~paired), np.flatnonzero(paired))
 
 
 def joint_curve(
@@ -375,11 +361,7 @@ class Path:
         return error[0], J[0][:, self.unknown]
 
     def solve(self, guess: Array, target: Array, time: float) -> Array:
-        """Closed pose with the imposed coordinates; Newton with step halving.
-
-        Raises:
-            MotionError: It cannot be reached from the guess.
-        """
+        """Closed pose with the imposed coordinates; Newton with step halving."""
         pose = guess.copy()
         if self.platform is None:
             self.axes.write(pose, target)

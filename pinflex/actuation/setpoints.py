@@ -150,11 +150,7 @@ def write_message(path: str | Path, data: Mapping[str, Any]) -> Path:
 
 
 def ticks(duration: float, rate: float) -> Array:
-    """Equal times [s] from 0 to the end of a motion, or the first behind it.
-
-    Raises:
-        DescriptionError: No rate, or more than `MOST` rows.
-    """
+    """Equal times [s] from 0 to the end of a motion, or the first behind it."""
     if not (np.isfinite(rate) and rate > 0.0):
         raise DescriptionError(f"rate: {rate!r} Hz is out of range. It must be above 0.")
     last = max(int(np.ceil(duration * rate - _NO_TICK)), 1)

@@ -152,19 +152,13 @@ class Cut:
 def cut(body: FlexibleBody, count: int = SECTIONS) -> Cut:
     """Sections at equal distances along a body."""
     if body.solid is not None:
-        solid = body.solid
-        return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
+        return body.solid.cut
     x = np.linspace(0.0, body.length, count)
     families, slices = body.families, body.slices
     Phi = beam.first_order(families, slices, x)
     G = beam.second_order(families, slices, x, range(6)) if body.second_order else None
-    breaks = _breaks(body)
+    breaks = union([family.breaks for family in families.values()])
     return Cut(x, Phi, G, _outer(x, body.x, breaks), _outer(x, body.xt, breaks))
-
-
-def _breaks(body: FlexibleBody) -> Array:
-    edges = np.concatenate([family.breaks for family in body.families.values()])
-    return np.unique(np.round(edges / body.length, 12)) * body.length
 
 
 def _outer(x: Array, stations: Array, breaks: Array) -> Array:
@@ -290,21 +284,17 @@ class FlexibleBody:
         """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
         if self.solid is not None:
             return self.solid.rows(x)
-        if x not in self._rows:
-            self._rows[x] = self._rows_at(x)
+        if x not in self._rows:  # equal links share their body, and loads ask again
+            at = np.array([float(x)])
+            Phi, G = beam.first_order(self.families, self.slices, at)[0], None
+            if self.second_order:
+                G = beam.second_order(self.families, self.slices, at, range(6))[0]
+            self._rows[x] = Phi, G
         return self._rows[x]
 
     @cached_property
     def _rows(self) -> dict[float, tuple[Array, Array | None]]:
-        """Rows of sections asked for: equal links share their body, and loads ask again."""
         return {}
-
-    def _rows_at(self, x: float) -> tuple[Array, Array | None]:
-        at = np.array([float(x)])
-        Phi = beam.first_order(self.families, self.slices, at)[0]
-        if not self.second_order:
-            return Phi, None
-        return Phi, beam.second_order(self.families, self.slices, at, range(6))[0]
 
     def fields(self, x: Array) -> dict[str, Array]:
         """Linear output rows at x (m), shape (nx,).
@@ -344,7 +334,9 @@ def flexible_body(link: FlexibleLink, planes: Sequence[str], length: float) -> F
     gauss = max([f.gauss for d, f in families.items() if d != "p" or rotary], default=2)
     breaks = beam.union([f.breaks for f in families.values()])
     x, w = (a.ravel() for a in quadrature(breaks, gauss))
-    xt, wt = _twist_stations(families, rotary)
+    xt = wt = np.zeros(0)
+    if "p" in families and not rotary:  # stations that only turn about the beam
+        xt, wt = (a.ravel() for a in quadrature(families["p"].breaks, families["p"].gauss))
     Phi, Phi_t = (beam.first_order(families, slices, at) for at in (x, xt))
     G = G_t = None
     if link.second_order:
@@ -356,7 +348,11 @@ def flexible_body(link: FlexibleLink, planes: Sequence[str], length: float) -> F
         length=length,
         families=families,
         slices=slices,
-        labels=_labels(families),
+        labels=tuple(
+            f"{d}{name}" if name.isdigit() else f"{d} {name}"
+            for d, family in families.items()
+            for name in family.names
+        ),
         second_order=link.second_order,
         x=x,
         mass=density * section.A * w,
@@ -406,14 +402,6 @@ def _directions(
     return families, slices, K, M
 
 
-def _twist_stations(families: Mapping[str, Family], rotary: bool) -> tuple[Array, Array]:
-    """Places (m) and weights of the stations that only turn about the beam."""
-    if rotary or "p" not in families:
-        return np.zeros(0), np.zeros(0)
-    x, w = quadrature(families["p"].breaks, families["p"].gauss)
-    return x.ravel(), w.ravel()
-
-
 def _curvature(
     link: FlexibleLink, families: Mapping[str, Family], slices: Mapping[str, slice], n: int
 ) -> Curvature | None:
@@ -451,14 +439,6 @@ def _stretched(
     root, tip = u.evaluate(np.array([0.0, u.length])).f
     rest[at] = np.linalg.solve(K[at, at], link.material.E * link.section.A * strain * (tip - root))
     return rest
-
-
-def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:
-    return tuple(
-        f"{d}{name}" if name.isdigit() else f"{d} {name}"
-        for d, family in families.items()
-        for name in family.names
-    )
 
 
 def tips_over(link: FlexibleLink, planes: Collection[str]) -> bool:

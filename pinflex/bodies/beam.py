@@ -59,10 +59,8 @@ def second_order(
         v:   int (-int rw' p + u' rv - p gw)      w:   int (int rv' p + u' rw + p gv)
 
     which expands R' = R kappa^, r' = R (1 + u', gv, gw) for R = Rz(rz) Ry(ry) Rx(rx). A double
-    integral is taken as int int h = x int h - int s h.
-
-    Returns:
-        Shape (nx, len(rows), n, n), symmetric in the last two.
+    integral is taken as int int h = x int h - int s h. Symmetric in the last two of its axes,
+    (nx, len(rows), n, n).
     """
     asked = tuple((d, one, slices[d].start) for d, one in families.items()), tuple(rows)
     small = len(x) * len(rows) * _width(slices) ** 2 < _SMALL

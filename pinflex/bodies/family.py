@@ -81,14 +81,12 @@ class Modes:
 
 
 def roots(boundary: str, n: int) -> Array:
-    """Roots b L of the characteristic equation of the elastic modes.
+    """First n roots b L (-) of the characteristic equation of the elastic modes, shape (n,).
 
     The equations are divided by cosh(b L), so their values stay of order one:
     clamped_free cos + 1/cosh = 0; clamped_clamped and free_free cos - 1/cosh = 0;
     clamped_pinned and pinned_free sin - cos tanh = 0; pinned_pinned sin = 0.
 
-    Returns:
-        First n positive roots b L (-), ascending, shape (n,).
     Source: Blevins (1979), Formulas for Natural Frequency and Mode Shape, table 8-1.
     """
     b = np.asarray((np.arange(1, n + 1) + _SHIFTS[boundary]) * np.pi, dtype=np.float64)
@@ -109,12 +107,9 @@ def roots(boundary: str, n: int) -> Array:
 
 
 def mode_functions(boundary: str, n: int, length: float, rigid: bool = False) -> Modes:
-    """Bending modes of a uniform beam under homogeneous boundary conditions.
+    """Bending modes of a uniform beam under homogeneous boundary conditions, int f^2 dx = L.
 
     The sign makes the first derivative that does not vanish at the root positive.
-
-    Returns:
-        Modes with int f^2 dx = L.
     """
     held = min(n, 2) if rigid else 0
     bl = roots(boundary, n - held)
@@ -333,11 +328,7 @@ _gauss = lru_cache(maxsize=64)(legendre.leggauss)
 
 
 def quadrature(breaks: Array, points: int) -> tuple[Array, Array]:
-    """Gauss-Legendre rule on every interval of `breaks`.
-
-    Returns:
-        Points x (m) and weights w (m), each of shape (k, points).
-    """
+    """Points and weights (m) of Gauss-Legendre rules on k intervals, each of shape (k, points)."""
     s, w = _gauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
     return breaks[:-1, None] + half * (s + 1.0), half * w

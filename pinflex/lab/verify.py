@@ -76,13 +76,7 @@ def verify(
     slow: bool = False,
     ended: Callable[[str], None] | None = None,
 ) -> Verification:
-    """Run benchmarks.
-
-    Returns:
-        One record per checked quantity; a case that raises gives one record that did not pass.
-    Raises:
-        DescriptionError: A name that no case has.
-    """
+    """Run benchmarks; a case that raises gives one record that did not pass."""
     chosen = _chosen(names, slow)
     records: list[Record] = []
     pictures: list[Picture] = []

@@ -69,11 +69,7 @@ class DigitalPid:
         return np.asarray(self.kp * e + self.ki * self.integral + self.kd * (wanted - rate))
 
     def applied(self, asked: Array, given: Array) -> None:
-        """Integrate the error, but not further into a limit.
-
-        Args:
-            asked: Output with the feed-forward. given: What the limits left of it.
-        """
+        """Integrate the error, but not further into a limit, which left `given` of `asked`."""
         beyond = asked - given
         winding = beyond * self.ki * self._error > 0.0
         self.integral = self.integral + ~winding * (self.period * self._error)
@@ -127,11 +123,7 @@ class LinearLaw:
 def linear_law(
     system: Any, period: float, reference: Callable[[float], Array] | None = None
 ) -> LinearLaw:
-    """The law of a scipy or python-control system (state space, transfer function, zpk).
-
-    Raises:
-        DescriptionError: No system, or one of another sample time.
-    """
+    """The law of a scipy or python-control system (state space, transfer function, zpk)."""
     from scipy.signal import cont2discrete
 
     A, B, C, D, dt = _matrices(system)

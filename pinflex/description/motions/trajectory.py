@@ -122,11 +122,7 @@ def read(value: object, where: str) -> ShaperSpec | None:
 def shaper(
     kind: str, frequencies: Sequence[float] | float, damping: Sequence[float] | float = 0.0
 ) -> Shaper:
-    """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-].
-
-    Raises:
-        DescriptionError: An unknown kind, a frequency or damping that makes no sense.
-    """
+    """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-]."""
     if kind not in KINDS:
         raise DescriptionError(f"shaper: {kind}.{nearest(kind, KINDS)}")
     every = np.atleast_1d(np.asarray(frequencies, float))

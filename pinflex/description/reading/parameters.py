@@ -55,14 +55,8 @@ def parameters(
 ) -> tuple[Description, tuple[Parameter, ...]]:
     """The numbers that key paths name; each glob gives one parameter per block of the YAML.
 
-    Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant.
-
-    Returns:
-        The description with named materials written out, so that their numbers can be changed; and
-        the parameters.
-
-    Raises:
-        DescriptionError: No such key, or none that is a number.
+    Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant. The
+    description that comes back has named materials written out, so that their numbers can change.
     """
     if isinstance(patterns, str):
         patterns = (patterns,)

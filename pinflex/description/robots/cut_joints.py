@@ -17,9 +17,9 @@ from pinflex.description.files import Source
 from pinflex.description.loops import PIN
 from pinflex.description.reading import schema
 from pinflex.description.robots import urdf
-from pinflex.description.robots.tree_text import from_rpy, hang
+from pinflex.description.robots.tree_text import hang
 from pinflex.errors import DescriptionError
-from pinflex.rotations import axis_frame
+from pinflex.rotations import axis_frame, zyx_matrix
 
 _DROPPED = ("axis", "limit", "dynamics", "mimic", "safety_controller")
 
@@ -79,7 +79,7 @@ def _cut(root: ET.Element, name: str) -> None:
     origin, written = joint.find("origin"), joint.find("axis")
     axis = _numbers(written, "xyz", (1.0, 0.0, 0.0))
     turn = axis_frame(axis / np.linalg.norm(axis), None)
-    place, rotation = _numbers(origin, "xyz"), from_rpy(_numbers(origin, "rpy"))
+    place, rotation = _numbers(origin, "xyz"), zyx_matrix(_numbers(origin, "rpy")[::-1])
     parent, child = joint.find("parent"), joint.find("child")
     assert parent is not None
     assert child is not None

@@ -25,7 +25,6 @@ from pinflex.description.robots.tree_text import (
     Joint,
     Tree,
     Visual,
-    from_rpy,
     known,
     numbers,
     parse,
@@ -33,6 +32,7 @@ from pinflex.description.robots.tree_text import (
     unused,
 )
 from pinflex.errors import DescriptionError
+from pinflex.rotations import zyx_matrix
 
 _HUGE = 1e15  # a limit as large is none
 
@@ -87,7 +87,7 @@ def pose_of(element: Element | None) -> tuple[str, Array]:
     values = numbers(found.text, found, "x y z roll pitch yaw", 6)
     frame = found.get("relative_to") or found.get("frame") or ""
     angles = np.radians(values[3:]) if found.get("degrees") == "true" else values[3:]
-    return frame, pose(from_rpy(angles), values[:3])
+    return frame, pose(zyx_matrix(angles[::-1]), values[:3])
 
 
 def poses(model: Element) -> dict[str, Array]:

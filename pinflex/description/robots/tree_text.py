@@ -48,18 +48,6 @@ def rpy(rotation: Array) -> Array:
     return np.array([np.arctan2(-left[1, 2], left[1, 1]), np.arctan2(-left[2, 0], left[0, 0]), yaw])
 
 
-def from_rpy(angles: Array) -> Array:
-    """Rotation matrix of roll, pitch, yaw [rad], shape (3, 3)."""
-    (a, b, c), (d, e, f) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [c * b, c * e * d - f * a, c * e * a + f * d],
-            [f * b, f * e * d + c * a, f * e * a - c * d],
-            [-e, b * d, b * a],
-        ]
-    )
-
-
 def hang(
     root: ET.Element, link: str, joint: str, parent: str, at: Array, turn: Array | None = None
 ) -> ET.Element:

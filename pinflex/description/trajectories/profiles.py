@@ -78,13 +78,10 @@ class Pieces:
 
 
 def hermite(t: Array, *derivatives: Array) -> Array:
-    """Coefficients of the polynomials that meet values and derivatives at both ends of each piece.
+    """Coefficients of polynomials by values and derivatives at the ends t (m + 1,) of each piece.
 
-    Args:
-        t: Times [s], shape (m + 1,).
-        *derivatives: Position, then velocity and acceleration or fewer, each (m + 1, n).
-    Returns:
-        Shape (m, 2 k, n) for k derivatives: linear, cubic or quintic.
+    Of position, then velocity and acceleration or fewer, k in all, each (m + 1, n): linear, cubic
+    or quintic, shape (m, 2 k, n).
     """
     k, h = len(derivatives), np.diff(t)[:, None]
     orders, powers = np.arange(k), np.arange(2 * k)

@@ -61,11 +61,7 @@ class Waypoints:
 
 
 def read(file: str | Path) -> Waypoints:
-    """The waypoints of a file: .csv, or .yaml, .yml and .json of a JointTrajectory.
-
-    Raises:
-        DescriptionError: With the line and the field that is wrong.
-    """
+    """The waypoints of a file: .csv, or .yaml, .yml and .json of a JointTrajectory."""
     path = Path(file)
     where = f"trajectory.file: {path}"
     require_regular(path, MOST_TABLE, where)
