@@ -365,7 +365,7 @@ def _rigid_regions(
     solid: Solid, regions: Sequence[IntArray], centres: Sequence[Array]
 ) -> tuple[Any, int]:
     """T from (6 coordinates per moving interface, other nodes) to all displacements."""
-    from scipy.sparse import coo_array
+    from scipy.sparse import csc_array, eye_array, hstack
 
     nn = len(solid.nodes)
     owner = np.zeros(nn, dtype=np.intp)
@@ -377,27 +377,16 @@ def _rigid_regions(
                 "are rigid, so they must not touch. Choose smaller regions."
             )
         owner[region] = number + 1
-    moving = 6 * (len(regions) - 1)
-    rows: list[Any] = []
-    columns: list[Any] = []
-    values: list[Any] = []
-    free = np.flatnonzero(owner == 0)
-    at = (3 * free[:, None] + np.arange(3)).ravel()
-    rows.append(at)
-    columns.append(moving + np.arange(len(at)))
-    values.append(np.ones(len(at)))
-    for number, region in enumerate(regions[1:]):
-        arm = solid.nodes[region] - centres[number + 1]
-        block = np.zeros((len(region), 3, 6))
-        block[:, :, :3] = np.eye(3)
-        block[:, :, 3:] = np.einsum("acb,ib->ica", CROSS, arm)  # e_a x arm
-        i, c, k = np.nonzero(block)
-        rows.append(3 * region[i] + c)
-        columns.append(6 * number + k)
-        values.append(block[i, c, k])
-    shape = (3 * nn, moving + len(at))
-    index = (np.concatenate(rows), np.concatenate(columns))
-    return coo_array((np.concatenate(values), index), shape=shape).tocsc(), moving
+    columns = []
+    for region, centre in zip(regions[1:], centres[1:], strict=True):
+        block = np.zeros((nn, 3, 6))
+        block[region, :, :3] = np.eye(3)
+        arm = solid.nodes[region] - centre
+        block[region, :, 3:] = np.einsum("acb,ib->ica", CROSS, arm)  # e_a x arm
+        columns.append(csc_array(block.reshape(3 * nn, 6)))
+    free = (3 * np.flatnonzero(owner == 0)[:, None] + np.arange(3)).ravel()
+    other = eye_array(3 * nn, format="csc")[:, free]
+    return hstack([*columns, other], format="csc"), 6 * len(columns)
 
 
 def _craig_bampton(
