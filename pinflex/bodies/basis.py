@@ -224,8 +224,8 @@ class FlexibleBody:
         xt: Twist stations (m), shape (nt,): none without torsion or with rotary inertia.
         It: Their moments of inertia rho Ip w (kg m^2), shape (nt,).
         Phi_t, G_t: Rows of their rotation rx, shapes (nt, n) and (nt, n, n).
-        rotary: Whether stations turn with inertia.
-        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
+        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None: stations do not
+            turn with inertia.
         Phi_r, G_r: Rows of their rotations (rz, ry, rx), shapes (ns, 3, n) and (ns, 3, n, n).
         K: Stiffness, shape (n, n).
         M: Linear mass matrix of the beam held at its root, shape (n, n); with the end masses,
@@ -256,7 +256,6 @@ class FlexibleBody:
     M: Array
     D: Array
     G_t: Array | None = None
-    rotary: bool = False
     inertia: Array | None = None
     Phi_r: Array | None = None
     G_r: Array | None = None
@@ -362,7 +361,6 @@ def flexible_body(link: FlexibleLink, planes: Sequence[str], length: float) -> F
         It=density * section.Ip * wt,
         Phi_t=Phi_t[:, 5],
         G_t=G_t,
-        rotary=rotary,
         inertia=density * np.outer(w, [section.Ip, *section.turning]) if rotary else None,
         Phi_r=Phi[:, 3:] if rotary else None,
         G_r=G[:, 3:] if rotary and G is not None else None,

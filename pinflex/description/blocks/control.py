@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -459,12 +458,9 @@ def _control(
     )
 
 
-_limits = lru_cache(maxsize=4)(limits)  # every run of a digital controller asks for them
-
-
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
     """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none."""
-    known = _limits(urdf)
+    known = limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip
     return tuple(x if x > 0.0 else np.inf for x in efforts)
