@@ -516,14 +516,12 @@ def _written_out(block: schema.Block, text: str, tree: Source) -> tuple[schema.B
         text = _dumped(written)
     joined = written.get("joints")
     extras = joined.values() if isinstance(joined, Mapping) else ()
-    if any(isinstance(x, Mapping) and "clearance" in x for x in extras):
-        from pinflex.description.robots.cut_joints import cut
+    loose = any(isinstance(x, Mapping) and "clearance" in x for x in extras)
+    if loose or _resisting(written):
+        from pinflex.description.blocks import bushing  # late: few scenes have any
 
-        written, tree = cut(written, tree, block.where)
-    if _resisting(written):
-        from pinflex.description.blocks.bushing import yielding  # late: few scenes have any
-
-        written, tree = yielding(schema.Block(written, block.where, KEYS), tree)
+        written, tree = bushing.cut(written, tree, block.where) if loose else (written, tree)
+        written, tree = bushing.yielding(schema.Block(written, block.where, KEYS), tree)
     return schema.Block(written, block.where, KEYS), tree, text
 
 

@@ -12,7 +12,6 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,9 +58,7 @@ def straightened(
         names = [f"{link}_{k}" for k in range(1, len(corners))]
         found |= _pieces(beam, names, f"{link}_end")
         _rebuild(root, tree, link, [*names, f"{link}_end"], corners, beam.where)
-    text = ET.tostring(root, encoding="unicode")
-    written = sources.read(text, tree.file, tree.package_dirs)
-    return {**block, "flexible": found}, replace(written, notes=tree.notes)
+    return {**block, "flexible": found}, sources.rewritten(root, tree)
 
 
 def _curved(spec: object) -> bool:
