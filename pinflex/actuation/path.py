@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -33,7 +32,7 @@ class MotorAxes:
     """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q.
 
     Attributes:
-        q_at, v_at: First coordinate and row of each. plain: Numbers of those with one coordinate.
+        q_at, v_at: First coordinate and row of each.
         paired: Numbers of those that keep (cos, sin).
     """
 
@@ -41,25 +40,14 @@ class MotorAxes:
 
     q_at: IntArray
     v_at: IntArray
-    plain: IntArray
     paired: IntArray
 
     def write(self, y: Array, angle: Array) -> None:
         """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
-        if not len(self.paired):
-            y[..., self.q_at] = angle
-            return
-        plain, cos, sin = self._places
-        if len(plain):
-            y[..., plain] = angle.take(self.plain, axis=-1)
-            angle = angle.take(self.paired, axis=-1)
-        y[..., cos], y[..., sin] = np.cos(angle), np.sin(angle)
-
-    @cached_property
-    def _places(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Of plain coordinates, of cosines and of sines."""
-        at = self.q_at[self.paired]
-        return self.q_at[self.plain], at, at + 1
+        y[..., self.q_at] = angle
+        if len(self.paired):
+            at, turned = self.q_at[self.paired], angle[..., self.paired]
+            y[..., at], y[..., at + 1] = np.cos(turned), np.sin(turned)
 
     def read(self, y: Array) -> Array:
         """Motor positions (rad | m), shape (..., nm), of y, shape (..., nq)."""
@@ -100,8 +88,7 @@ def motor_axes(mechanism: Mechanism) -> MotorAxes:
         np.array([getattr(joint, key) for joint in joints], dtype=np.intp)
         for key in ("idx_q", "idx_v")
     )
-    paired = np.array([joint.nq == 2 for joint in joints], dtype=bool)
-    return MotorAxes(q_at, v_at, np.flatnonzero(~paired), np.flatnonzero(paired))
+    return MotorAxes(q_at, v_at, np.flatnonzero([joint.nq == 2 for joint in joints]))
 
 
 def joint_curve(
@@ -262,9 +249,8 @@ class Path:
         if self.platform is None:
             if equations < len(self.unknown):
                 J = self.dynamics.close(self.mechanism.home)[1][:, self.passive]
-                _, motion = assembly.null_motion(
-                    J, self.dynamics.system.closed, self._passive_names
-                )
+                names = [self.names[k] for k in self.passive]
+                _, motion = assembly.null_motion(J, self.dynamics.system.closed, names)
                 return underactuated(self.mechanism, [motion])
             return MotionError(
                 f"{where}: {len(self.axes.v_at)} motors drive a mechanism of mobility {mobility}: "
@@ -276,10 +262,6 @@ class Path:
             f"({', '.join(self.motion.names)}), the mechanism has mobility {mobility}. "
             f"Name exactly {mobility} of x, y, z, rz, ry, rx that it can follow."
         )
-
-    @property
-    def _passive_names(self) -> list[str]:
-        return [self.names[k] for k in self.passive]
 
     def _frame(self) -> Attachment:
         name = self.mechanism.description.platform
@@ -431,14 +413,12 @@ class Path:
     def _singular(self, J: Array, which: str, time: float) -> SceneError:
         columns = [self.names[k] for k in self.unknown]
         where = f"{self.mechanism.name}: t = {time:.6g} s"
-        what = (
-            ("passive loop Jacobian", "all motors locked")
-            if which == "motors"
-            else (
+        what = "passive loop Jacobian", "all motors locked"
+        if which != "motors":
+            what = (
                 "Jacobian of loops and imposed platform coordinates",
                 "the platform coordinates held",
             )
-        )
         closed = self.dynamics.system.closed
         return assembly.singularity(self.scaled(J), closed, columns, where, time, what)
 

@@ -92,12 +92,14 @@ def digital_pid(
         reference: Values the measures should have, or a function of time that gives them.
         rate: Rates of the reference by time.
     """
-    gains = [np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd)]
-    known = np.atleast_1d(np.asarray(0.0 if callable(reference) else reference, dtype=np.float64))
+    kp_, ki_, kd_, known = _alike(kp, ki, kd, 0.0 if callable(reference) else reference)
     follow = reference if callable(reference) else lambda t: known
-    size = np.broadcast_shapes(*(g.shape for g in gains), known.shape)
-    kp_, ki_, kd_ = (np.broadcast_to(g, size) for g in gains)
-    return DigitalPid(kp_, ki_, kd_, period, follow, rate, np.zeros(size))
+    return DigitalPid(kp_, ki_, kd_, period, follow, rate, np.zeros(len(known)))
+
+
+def _alike(*numbers: Any) -> list[Array]:
+    """Numbers, or one of each per measure, as arrays of one size."""
+    return list(np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, float)) for x in numbers)))
 
 
 @dataclass
@@ -140,7 +142,7 @@ def _matrices(system: Any) -> tuple[Array, Array, Array, Array, Any]:
     """A, B, C, D and the sample time (None, 0: continuous; True: not said) of a system."""
     found = system
     if hasattr(system, "to_ss"):  # scipy's transfer functions and zeros-poles-gain
-        found = system if hasattr(system, "A") else system.to_ss()
+        found = system.to_ss()
     elif hasattr(system, "num") and not hasattr(system, "A"):  # python-control's
         import control
 
@@ -331,10 +333,7 @@ def pid(
         kd: Gain of its rate [s].
         target: Value that the measure is to have.
     """
-    kp_, ki_, kd_, target_ = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd, target))
-    )
-    return Pid(kp_, ki_, kd_, target_)
+    return Pid(*_alike(kp, ki, kd, target))
 
 
 # The block `control` of a YAML file: {NAME: {measure, drive, ...}}, and `period`, `delay`.
