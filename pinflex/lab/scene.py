@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import hold
+from pinflex.description.robots.tree_text import triple
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
@@ -47,10 +48,6 @@ class Body:
     inertia: Vec = (0.0, 0.0, 0.0)
 
 
-def _text(values: Vec) -> str:
-    return " ".join(f"{float(x):.17g}" for x in values)
-
-
 def urdf(bodies: Sequence[Body]) -> str:
     """URDF on a link "base"; the joint of a body is called "NAME_joint"."""
     lines = ['<robot name="scene">', '<link name="base"/>']
@@ -59,14 +56,14 @@ def urdf(bodies: Sequence[Body]) -> str:
         if b.mass or any(b.inertia):
             x, y, z = (float(i) for i in b.inertia)
             lines.append(
-                f'<inertial><origin xyz="{_text(b.com)}"/><mass value="{float(b.mass)!r}"/>'
+                f'<inertial><origin xyz="{triple(b.com)}"/><mass value="{float(b.mass)!r}"/>'
                 f'<inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0"/></inertial>'
             )
         lines.append(f'</link><joint name="{b.name}_joint" type="{b.joint}">')
         lines.append(f'<parent link="{b.parent}"/><child link="{b.name}"/>')
-        lines.append(f'<origin xyz="{_text(b.xyz)}" rpy="{_text(b.rpy)}"/>')
+        lines.append(f'<origin xyz="{triple(b.xyz)}" rpy="{triple(b.rpy)}"/>')
         if b.joint != "fixed":
-            lines.append(f'<axis xyz="{_text(b.axis)}"/>')
+            lines.append(f'<axis xyz="{triple(b.axis)}"/>')
         if b.joint in ("revolute", "prismatic"):
             lines.append('<limit lower="-1e3" upper="1e3" effort="1e9" velocity="1e9"/>')
         lines.append("</joint>")

@@ -19,7 +19,7 @@ from pinflex.arrays import Array, BoolArray
 from pinflex.description.files import Source
 from pinflex.description.robots import urdf
 from pinflex.description.robots.mjcf_model import BALL, FREE, HINGE, Robot, compiled
-from pinflex.description.robots.tree_text import Inertia, Joint, Visual, inverse, pose
+from pinflex.description.robots.tree_text import Inertia, Joint, Visual, inverse, pose, triple
 from pinflex.errors import DescriptionError
 
 # What of an MJCF is not taken over: a line for each kind, those that move most first.
@@ -229,7 +229,7 @@ def _shape(robot: Robot, g: int) -> Visual | None:
     matrix = pose(robot.drawn.geom_xmat[g].reshape(3, 3), robot.drawn.geom_xpos[g])
     kind, size = int(model.geom_type[g]), [float(x) for x in model.geom_size[g]]
     if kind == code("Geom.BOX"):
-        return Visual("box", matrix, {"size": " ".join(repr(2 * x) for x in size)})
+        return Visual("box", matrix, {"size": triple(2 * x for x in size)})
     if kind in (code("Geom.CAPSULE"), code("Geom.CYLINDER")):
         length = 2 * (size[1] + (size[0] if kind == code("Geom.CAPSULE") else 0.0))
         return Visual("cylinder", matrix, {"radius": repr(size[0]), "length": repr(length)})
@@ -242,7 +242,7 @@ def _shape(robot: Robot, g: int) -> Visual | None:
     # MuJoCo moves a mesh to its principal axes
     own = pose(_turned(robot, model.mesh_quat[mesh]), model.mesh_pos[mesh])
     file = model.paths[model.mesh_pathadr[mesh] :].split(b"\0")[0].decode()
-    scale = " ".join(repr(float(x)) for x in model.mesh_scale[mesh])
+    scale = triple(model.mesh_scale[mesh])
     return Visual("mesh", matrix @ inverse(own), {"filename": file, "scale": scale})
 
 

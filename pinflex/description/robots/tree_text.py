@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from xml.parsers import expat
 
@@ -63,9 +63,9 @@ def hang(
     return made
 
 
-def triple(numbers: Array) -> str:
+def triple(numbers: Iterable[float]) -> str:
     """Three numbers as a URDF has them, to the last digit."""
-    return " ".join(f"{x:.17g}" for x in numbers)
+    return " ".join(repr(float(x)) for x in numbers)
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _joint(robot: ET.Element, name: str, parent: str, joint: Joint, matrix: Arra
     _origin(element, matrix)
     if joint.type in ("fixed", "floating"):
         return
-    ET.SubElement(element, "axis", xyz=_text(joint.axis))
+    ET.SubElement(element, "axis", xyz=triple(joint.axis))
     if joint.mimic is not None:
         leader, ratio, offset = joint.mimic
         law = {"multiplier": repr(float(ratio)), "offset": repr(float(offset))}
@@ -230,12 +230,8 @@ def _inertial(element: ET.Element, inertia: Inertia) -> None:
 
 
 def _origin(element: ET.Element, matrix: Array) -> None:
-    values = {"xyz": _text(matrix[:3, 3]), "rpy": _text(rpy(matrix[:3, :3]))}
+    values = {"xyz": triple(matrix[:3, 3]), "rpy": triple(rpy(matrix[:3, :3]))}
     ET.SubElement(element, "origin", values)
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(v)) for v in values)
 
 
 # XML whose elements know their line, for readers that name what they leave out.
