@@ -335,7 +335,12 @@ class FlexibleLink:
 
 
 SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
-DAMPING = {"rayleigh": schema.bare(schema.LIST), "modal": schema.bare(schema.measure(None))}
+DAMPING = {
+    "rayleigh": schema.key(
+        None, lambda x, at: schema.numbers(x, at, 2, 0, "rate"), form=schema.LIST
+    ),
+    "modal": schema.real(None, low=0, high=1),
+}
 KEYS = schema.keys(
     FlexibleLink, "material", "section", "basis", "inertia", "as_built", "start", "end", "length",
     "up", *SWITCHES, "rotary_inertia", "second_order", "shear", "segments", "temperature", "root",
@@ -444,13 +449,9 @@ def damping_scope(spec: object, where: str) -> tuple[object, str]:
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
     """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
-    block = schema.mapping(spec, where, ("rayleigh", "modal"))
+    block = schema.Block(spec, where, DAMPING)
     if len(block) != 1:
-        raise DescriptionError(
-            f"{where}: {schema.shown(spec)} is not one kind of damping. Write "
-            "{rayleigh: [alpha, beta]} or {modal: zeta}."
-        )
-    if "modal" in block:
-        return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
-    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, 0, "rate")
-    return (alpha, beta), 0.0
+        text = "is not one kind of damping. Write {rayleigh: [alpha, beta]} or {modal: zeta}."
+        raise block.error("", f"{schema.shown(spec)} {text}")
+    found = block.read()
+    return found.get("rayleigh", (0.0, 0.0)), found.get("modal", 0.0)

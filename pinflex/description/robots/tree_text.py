@@ -257,9 +257,9 @@ class Element(ET.Element):
             assert isinstance(child, Element)
             yield child
 
-    def child(self, tag: str) -> Element | None:
-        """The first child of a tag."""
-        return next(self.all(tag), None)
+    def child(self, path: str) -> Element | None:
+        """The first child of a tag, or the first at the end of tags, as in "axis/limit"."""
+        return next(self.all(path), None)
 
 
 def refuse_doctype(text: str, file: str, what: str) -> None:
