@@ -55,17 +55,17 @@ FLAP = {
 LAG = -0.573779  # [m] largest tip lag of the geometrically exact spinning beam
 
 
-def beam(head: str = "", extra: str = "", hub: Body | None = None, wall: bool = False) -> Mechanism:
+def beam(
+    head: str = "", extra: str = "", hub: Body | None = None, wall: bool = False, motor: str = ""
+) -> Mechanism:
     """A unit beam along x in the plane of z, on the ground or on a hub."""
     bodies = [Body("beam", "hub" if hub else "base"), Body("tip", "beam", xyz=(1, 0, 0))]
     if hub is not None:
         bodies.insert(0, hub)
     if wall:
         bodies.append(Body("wall", "base", xyz=(1, 0, 0)))
-    actuated = "" if "actuated" in head else "actuated: []\n"
     yaml = f"""
-gravity: [0, 0, 0]
-{actuated}{head}
+{head}
 flexible:
   beam:
     material: {{E: 1, nu: 0.3, rho: 1}}
@@ -76,7 +76,7 @@ flexible:
     axial: false
     {extra}
 """
-    return scene("beam", bodies, yaml)
+    return scene("beam", bodies, yaml, motors=motor)
 
 
 IN_PLANE = "bending_y: true\n    bending_z: false"
@@ -123,7 +123,7 @@ def turning(eta: float, plane: str) -> Array:
     hub = Body("hub", "base", "continuous", mass=1.0, inertia=(1, 1, 1))
     chord = plane == "chord"
     extra = f"bending_y: {str(chord).lower()}\n    bending_z: {str(not chord).lower()}"
-    m = beam("actuated: [hub_joint]", extra, hub)
+    m = beam("", extra, hub, motor="hub_joint")
     return 2 * np.pi * modes(m, at={"hub_joint": eta}).frequencies
 
 
@@ -231,8 +231,6 @@ def build(arm: Arm, segments: int = 4) -> Mechanism:
     bodies.append(Body("tip", bodies[-1].name, xyz=(half, 0, 0)))
     I = arm.EI / arm.EA  # noqa: E741
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: [arm_joint]
 frames: [tip]
 flexible:
   "{"arm, forearm" if arm.hinged else "arm"}":
@@ -242,7 +240,7 @@ flexible:
     {PLANE_BEAM}
     segments: {segments}
 """
-    return scene("arm", bodies, yaml)
+    return scene("arm", bodies, yaml, motors="arm_joint")
 
 
 def conserved(m: Mechanism, run: Result, omega: float) -> Array:

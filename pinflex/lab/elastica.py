@@ -67,8 +67,6 @@ def cantilever(
     area = 1.0 if EA is None else EA
     factor = "" if GA is None else f", ky: {GA / area!r}, kz: {GA / area!r}"
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: []
 frames: [tip]
 allow: [heavy]                    # E = 1 Pa and A gives E A; the mass plays no part
 forces: {{load: {{at: tip, {load}}}}}
@@ -153,8 +151,6 @@ def arc(pieces: int, load: float) -> Mechanism:
     )
     bodies = (Body("beam", "base"), Body("tip", "beam", xyz=to))
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: []
 frames: [tip]
 forces: {{load: {{at: tip, force: [0, 0, {load!r}]}}}}
 flexible:
@@ -191,8 +187,6 @@ def frame(load: float, segments: int) -> Mechanism:
         Body("tip", "second", xyz=(0.24, 0, 0)),
     )
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: []
 forces: {{load: {{at: tip, force: [{load!r}, 0, 0]}}}}
 flexible:
   "first, second":

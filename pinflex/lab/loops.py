@@ -59,13 +59,11 @@ def pendulum() -> Mechanism:
         Body("slide", "base", "prismatic", axis=(1, 0, 0)),
         Body("mass", "slide", "prismatic", axis=(0, 1, 0), mass=1.0, inertia=(1e-3,) * 3),
     )
-    yaml = f"""
-gravity: [0, {-G}, 0]
-actuated: []
-loops: {{rod: {{kind: distance, between: [base, mass], length: 1.0}}}}
-home: {{slide_joint: 1.0, mass_joint: 0.0}}
+    yaml = """
+loops: {rod: {kind: distance, between: [base, mass], length: 1.0}}
+home: {slide_joint: 1.0, mass_joint: 0.0}
 """
-    return scene("pendulum", bodies, yaml)
+    return scene("pendulum", bodies, yaml, (0, -G, 0))
 
 
 def a01() -> Outcome:
@@ -120,13 +118,11 @@ def bricard() -> Mechanism:
         parent, at = f"rod_{k}", tuple(span)
     bodies += [Body("p3", "rod_2", xyz=(0, 0, 1)), Body("end", parent, xyz=at)]
     bodies.append(Body("wall", "base", xyz=tuple(points[5])))
-    yaml = f"""
-gravity: [0, {-G}, 0]
-actuated: []
+    yaml = """
 frames: [p3]
-loops: {{last: {{kind: revolute, between: [wall, end], axis: x}}}}
+loops: {last: {kind: revolute, between: [wall, end], axis: x}}
 """
-    return scene("bricard", bodies, yaml)
+    return scene("bricard", bodies, yaml, (0, -G, 0))
 
 
 def a04() -> Outcome:
@@ -184,12 +180,8 @@ def slider_crank() -> Mechanism:
              com=(CONROD / 2, 0, 0), inertia=(4e-4, 4e-3, 4e-3)),
         Body("conrod_tip", "conrod", xyz=(CONROD, 0, 0)),
     )  # fmt: skip
-    yaml = f"""
-gravity: [0, 0, {-G}]
-actuated: []
-loops: {{ball: {{kind: spherical, between: [crank_tip, conrod_tip]}}}}
-"""
-    return scene("slider_crank", bodies, yaml)
+    yaml = "loops: {ball: {kind: spherical, between: [crank_tip, conrod_tip]}}"
+    return scene("slider_crank", bodies, yaml, (0, 0, -G))
 
 
 def _slider_crank_coordinates(th: Any) -> tuple[Any, ...]:
@@ -290,8 +282,8 @@ def four_bars(windows: int, kind: str = "planar") -> Mechanism:
         )
         bodies.append(Body(f"end_{k}", f"bar_{k}", xyz=(1, 0, 0)))
         loops.append(f"  pin_{k}: {{kind: {kind}, between: [end_{k}, tip_{k + 1}]}}")
-    yaml = f"gravity: [0, {-G}, 0]\nactuated: []\nframes: [tip_0]\nloops:\n" + "\n".join(loops)
-    return scene("four_bars", bodies, yaml)
+    yaml = "frames: [tip_0]\nloops:\n" + "\n".join(loops)
+    return scene("four_bars", bodies, yaml, (0, -G, 0))
 
 
 def four_bars_exact(windows: int, t: Array) -> Array:

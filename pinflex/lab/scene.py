@@ -70,12 +70,15 @@ def urdf(bodies: Sequence[Body]) -> str:
     return "\n".join([*lines, "</robot>"])
 
 
-def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
+def scene(
+    name: str, bodies: Sequence[Body], yaml: str, gravity: Vec = (0, 0, 0), motors: str = ""
+) -> Mechanism:
     """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would."""
+    head = f"urdf: {name}.urdf\ngravity: {[*gravity]}\nactuated: [{motors}]\n"
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / f"{name}.urdf").write_text(urdf(bodies), encoding="utf-8")
         path = Path(folder) / f"{name}.yaml"
-        path.write_text(f"urdf: {name}.urdf\n{yaml}", encoding="utf-8")
+        path.write_text(head + yaml, encoding="utf-8")
         return load(path)
 
 

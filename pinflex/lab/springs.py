@@ -85,8 +85,6 @@ def squeezer() -> Mechanism:
     }  # fmt: skip
     home = ", ".join(f"{name}_joint: {value!r}" for name, value in start.items())
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: []
 home: {{{home}}}
 loops:
   at_3: {{kind: planar, between: [e3, e2]}}
@@ -178,8 +176,8 @@ def governor() -> Mechanism:
             f"  {side}: {{between: [{side}_hook, {side}_middle], stiffness: 8.0e5, "
             "damper: 4.0e4, length: 0.5}"
         )
-    yaml = "gravity: [0, 0, -9.81]\nactuated: []\nsprings:\n" + "\n".join(springs)
-    return scene("governor", bodies, yaml)
+    yaml = "springs:\n" + "\n".join(springs)
+    return scene("governor", bodies, yaml, (0, 0, -9.81))
 
 
 def a05() -> Outcome:
@@ -227,8 +225,6 @@ def beam(segments: int, load: bool) -> Mechanism:
     )
     kick = "forces: {kick: {at: beam, force: [8, 0, 0], moment: [0, 0, -80]}}" if load else ""
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: []
 {kick}
 flexible:
   beam:
@@ -316,14 +312,12 @@ def four_bar(segments: int) -> Mechanism:
         for name, side in (("ab", 0.016), ("bc", 0.016), ("cd", 0.008))
     )
     yaml = f"""
-gravity: [0, 0, 0]
-actuated: [ab_joint]
 loops: {{d: {{kind: revolute, between: [ground, d], axis: z}}}}
 frames: [cd]
 flexible:{bars}
 motion: {{kind: formula, joints: {{ab_joint: -0.6*t}}, duration: {UNTIL}}}
 """
-    return scene("tilted_four_bar", bodies, yaml)
+    return scene("tilted_four_bar", bodies, yaml, motors="ab_joint")
 
 
 def height(segments: int, h: float) -> tuple[Array, Array]:
