@@ -82,29 +82,22 @@ class Curvature:
     def force(self, eta: Array) -> Array:
         """dV4/deta of states eta (..., n), shape (..., n)."""
         mixed, slope, bend = self._mixed(eta)
-        push = self.weight * mixed
-        out = np.zeros_like(eta)
-        for d in range(len(self.slope)):
-            out += (push * bend[d]) @ self.slope[d] + (push * slope[d]) @ self.bend[d]
-        return out
+        push, sums = self.weight * mixed, "d...p,dpn->...n"
+        return np.asarray(
+            np.einsum(sums, push * bend, self.slope) + np.einsum(sums, push * slope, self.bend)
+        )
 
     def stiffness(self, eta: Array) -> Array:
         """d2V4/deta2 of one state eta (n,), shape (n, n)."""
         mixed, slope, bend = self._mixed(eta)
-        rows = np.zeros_like(self.slope[0])
-        total = np.zeros((len(eta), len(eta)))
-        push = (self.weight * mixed)[:, None]
-        for d in range(len(self.slope)):
-            rows += bend[d][:, None] * self.slope[d] + slope[d][:, None] * self.bend[d]
-            both = self.slope[d].T @ (push * self.bend[d])
-            total += both + both.T
-        return np.asarray(total + rows.T @ (self.weight[:, None] * rows))
+        rows = (bend[:, :, None] * self.slope + slope[:, :, None] * self.bend).sum(axis=0)
+        both = np.einsum("dpi,p,dpj->ij", self.slope, self.weight * mixed, self.bend)
+        return np.asarray(both + both.T + rows.T @ (self.weight[:, None] * rows))
 
-    def _mixed(self, eta: Array) -> tuple[Array, list[Array], list[Array]]:
+    def _mixed(self, eta: Array) -> tuple[Array, Array, Array]:
         """v' v'' + w' w'' at the points, (..., points), and v', w' and v'', w'' there."""
-        slope = [eta @ rows.T for rows in self.slope]
-        bend = [eta @ rows.T for rows in self.bend]
-        return np.asarray(sum(a * b for a, b in zip(slope, bend, strict=True))), slope, bend
+        slope, bend = (np.einsum("dpn,...n->d...p", rows, eta) for rows in (self.slope, self.bend))
+        return (slope * bend).sum(axis=0), slope, bend
 
 
 def curvature(

@@ -227,11 +227,7 @@ class Motion:
     @property
     def switches(self) -> tuple[float, ...]:
         """Times above 0 s at which a piece of the motion ends."""
-        spec, end = self.spec, self.duration
-        times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0)), *self.corners}
-        if self.kind == "trapezoid" and "ramp" in spec:  # else its corners say it
-            times.add(end - float(spec["ramp"]))
-        return tuple(sorted(time for time in times if time > 0.0))
+        return tuple(sorted(time for time in {*self.corners, self.duration} if time > 0.0))
 
     def evaluate(self, t: Array) -> Kinematics:
         """Position, velocity, acceleration at times t [s], shape (nt,); at rest before t = 0.
@@ -334,11 +330,13 @@ class Motion:
         return shaped(self, kind, modes, damping)
 
 
-def of_moves(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
+def of_moves(
+    kind: str, moves: Any, law: Any, n: dict[str, float], corners: tuple[float, ...] = ()
+) -> Motion:
     """A motion of target, displacements by name and as an array, along a law with numbers n."""
     target, by_name, _ = moves
     spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
-    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)
+    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec, corners)
 
 
 # Motions of several moves, each with a start of its own: a path with rounded corners.
