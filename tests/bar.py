@@ -20,9 +20,9 @@ QUINTIC = Basis("finite_element", elements=2, order="quintic")
 CUBIC = Basis("finite_element", elements=3, order="cubic")
 
 
-def body(planes: str = "v", basis: Basis = CB, rho: float | None = None, **link: Any) -> Any:
+def body(planes: str = "v", basis: Basis = CB, **link: Any) -> Any:
     link = {"material": STEEL, "section": BAR, "basis": basis} | link
-    return flexible_body(FlexibleLink("beam", **link), tuple(planes), L, rho)
+    return flexible_body(FlexibleLink("beam", **link), tuple(planes), L)
 
 
 def omega(K: Array, M: Array) -> Array:

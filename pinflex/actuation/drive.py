@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, comb, floor, log2
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,6 @@ from pinflex.actuation.path import (
     MotorPath,
     Path,
     joint_curve,
-    joint_path,
     motor_axes,
     underactuated,
 )
@@ -78,14 +78,7 @@ Instant = tuple[float, Array, Array, Array]  # t [s], q (nq,), v and a (nv,)
 
 
 def nominal(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
-    """Follow a motion with the rigid mechanism.
-
-    Returns:
-        Rigid positions, velocities, accelerations.
-    Raises:
-        MotionError: A pose that cannot be reached, with the time and the reason.
-        SingularityError: The path meets a singular pose, with loop, motion and sigma_min.
-    """
+    """Follow a motion with the rigid mechanism."""
     return nominal_and_more(mechanism, motion, t, np.empty(0))[0]
 
 
@@ -274,7 +267,7 @@ def _open_tree(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     passive = system.free
     if len(passive):
         raise underactuated(mechanism, [mechanism.coordinates[k] for k in passive])
-    position, velocity, acceleration = joint_path(mechanism, motion, t)
+    position, velocity, acceleration = joint_curve(mechanism, motion)(t)
     q = np.tile(mechanism.home, (len(t), 1))
     axes.write(q, position)
     v, a = np.zeros((len(t), system.nv)), np.zeros((len(t), system.nv))
@@ -290,16 +283,17 @@ _BESIDE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Quintics:
-    """Motor motion as a function of time that is a polynomial between some times.
+class MotorCurve:
+    """Motor motion as a function of time.
 
     Attributes:
-        pieces: These times in s, rising, shape (k,). Its polynomials are of fifth degree.
         curve: Positions, velocities and accelerations at times (nt,), each (nt, nm).
+        pieces: Times (s), rising, between which it is a polynomial of fifth degree; None: it is no
+            such.
     """
 
-    pieces: Array
     curve: Callable[[Array], tuple[Array, Array, Array]]
+    pieces: Array | None = None
 
     def __call__(self, t: Array) -> MotorPath:
         """Motion of the motors at times t (nt,)."""
@@ -314,35 +308,28 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
     """
     t = np.asarray(t, float)
     if motion.target == "joints":
-        return MotorPath(t, *joint_path(mechanism, motion, t))
-    curve, fine = _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))
-    return curve(t) if fine else MotorPath(t, *motors_along(mechanism, motion, t))
+        return MotorPath(t, *joint_curve(mechanism, motion)(t))
+    return _interpolated(mechanism, motion, float(t[0]), float(t[-1]), len(t))(t)
 
 
-def path_between(
-    mechanism: Mechanism, motion: Motion, start: float, end: float
-) -> Callable[[Array], MotorPath]:
+def path_between(mechanism: Mechanism, motion: Motion, start: float, end: float) -> MotorCurve:
     """Motor motion as a function of times in [start, end] s."""
     for moved, ends, path in mechanism.followed.paths:
         if moved is motion and ends == (start, end):
-            known: Callable[[Array], MotorPath] = path
+            known: MotorCurve = path
             return known
     if motion.target == "joints":
-        found = _path(joint_curve(mechanism, motion))
+        found = MotorCurve(joint_curve(mechanism, motion))
     else:
-        found = _interpolated(mechanism, motion, start, end)[0]
+        found = _interpolated(mechanism, motion, start, end)
     Followed.keep(mechanism.followed.paths, (motion, (start, end), found), _KEPT)
     return found
 
 
 def _interpolated(
     mechanism: Mechanism, motion: Motion, start: float, end: float, most: int = 4097
-) -> tuple[Callable[[Array], MotorPath], bool]:
-    """Motor motion of a platform motion as a function of times in [start, end] s.
-
-    Returns:
-        The function, and whether fewer than `most` nodes made it exact to 1e-10.
-    """
+) -> MotorCurve:
+    """Motor motion of a platform motion in [start, end] s; of fewer than `most` nodes, or exact."""
     nodes = 65
     while nodes < most:
         grid, inside, old = _nodes(motion, start, end, 2 * nodes - 1)
@@ -353,9 +340,9 @@ def _interpolated(
         error = np.max(np.abs(coarse(grid[~old])[0] - values[0][~old]), initial=0.0)
         # Halving the interval divides the quintic's error by 64.
         if error / 64.0 < _FINE:
-            return Quintics(grid, _hermite(grid, list(values))), True
+            return MotorCurve(_hermite(grid, list(values)), grid)
         nodes = 2 * nodes - 1
-    return _path(lambda t: motors_along(mechanism, motion, t)), False
+    return MotorCurve(partial(motors_along, mechanism, motion))
 
 
 def _nodes(motion: Motion, start: float, end: float, count: int) -> tuple[Array, Array, BoolArray]:
@@ -378,10 +365,6 @@ def _nodes(motion: Motion, start: float, end: float, count: int) -> tuple[Array,
     order = np.argsort(inside)
     old = np.append((np.arange(count) % 2 == 0)[alone], np.ones(2 * len(at) + len(more), bool))
     return np.concatenate([grid[alone], at, at, more])[order], inside[order], old[order]
-
-
-def _path(curve: Callable[[Array], tuple[Array, Array, Array]]) -> Callable[[Array], MotorPath]:
-    return lambda t: MotorPath(t, *curve(t))
 
 
 def motors_along(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:

@@ -86,11 +86,7 @@ class Feedback:
 
 
 def place(mechanism: Mechanism, control: Control, prescribed: bool) -> Feedback:
-    """Find the rows and columns of a control.
-
-    Raises:
-        DescriptionError: A name or a place that does not exist.
-    """
+    """Find the rows and columns of a control."""
     nv = mechanism.flexible.nv
     S = np.array([_measure(mechanism, m, nv) for m in control.measures]).reshape(-1, nv)
     B = np.array([_drive(mechanism, d, nv, prescribed) for d in control.drives]).reshape(-1, nv).T
@@ -286,11 +282,7 @@ class Sampler:
         return tuple(cut.ravel().tolist())
 
     def reach(self, t: float, y: Array, v: Array) -> bool:
-        """Measure where a sample is due at t (s), and apply the outputs that are due.
-
-        Returns:
-            Whether outputs were applied.
-        """
+        """Measure where a sample is due at t (s); whether outputs were due and are applied now."""
         early = _EARLY * self.period
         while self._next * self.period <= t + early:
             self._sample(self._next * self.period, y, v)
@@ -353,11 +345,7 @@ def require_instants(mechanism: Mechanism, control: Control, end: float) -> None
 
 
 def fresh_law(control: Control) -> Any:
-    """The law of a digital controller: every run begins with its state as given.
-
-    Raises:
-        DescriptionError: A system of another size, or of another sample time.
-    """
+    """The law of a digital controller: every run begins with its state as given."""
     if callable(control.law) and not is_system(control.law):
         return copy.deepcopy(control.law)
     assert control.period is not None

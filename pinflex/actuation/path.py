@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -33,7 +32,7 @@ class MotorAxes:
     """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q.
 
     Attributes:
-        q_at, v_at: First coordinate and row of each. plain: Numbers of those with one coordinate.
+        q_at, v_at: First coordinate and row of each.
         paired: Numbers of those that keep (cos, sin).
     """
 
@@ -41,25 +40,14 @@ class MotorAxes:
 
     q_at: IntArray
     v_at: IntArray
-    plain: IntArray
     paired: IntArray
 
     def write(self, y: Array, angle: Array) -> None:
         """Put motor positions (rad | m), shape (..., nm), into y, shape (..., nq)."""
-        if not len(self.paired):
-            y[..., self.q_at] = angle
-            return
-        plain, cos, sin = self._places
-        if len(plain):
-            y[..., plain] = angle.take(self.plain, axis=-1)
-            angle = angle.take(self.paired, axis=-1)
-        y[..., cos], y[..., sin] = np.cos(angle), np.sin(angle)
-
-    @cached_property
-    def _places(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Of plain coordinates, of cosines and of sines."""
-        at = self.q_at[self.paired]
-        return self.q_at[self.plain], at, at + 1
+        y[..., self.q_at] = angle
+        if len(self.paired):
+            at, turned = self.q_at[self.paired], angle[..., self.paired]
+            y[..., at], y[..., at + 1] = np.cos(turned), np.sin(turned)
 
     def read(self, y: Array) -> Array:
         """Motor positions (rad | m), shape (..., nm), of y, shape (..., nq)."""
@@ -93,35 +81,20 @@ class MotorPath:
 
 
 def motor_axes(mechanism: Mechanism) -> MotorAxes:
-    """Locate the motors.
-
-    Raises:
-        DescriptionError: A motor with more than one axis.
-    """
-    model = mechanism.rigid.rigid
-    q_at, v_at, paired = [], [], []
-    for name in mechanism.description.actuated:
-        joint = model.joints[model.getJointId(name)]
-        if joint.nv != 1:
-            raise DescriptionError(
-                f"{mechanism.name}: actuated: {name} has {joint.nv} axes. A motor has one axis; "
-                "split the joint in the URDF."
-            )
-        q_at.append(joint.idx_q)
-        v_at.append(joint.idx_v)
-        paired.append(int(joint.nq == 2))
-    return MotorAxes(
-        np.array(q_at, dtype=np.intp),
-        np.array(v_at, dtype=np.intp),
-        np.flatnonzero(np.logical_not(paired)),
-        np.flatnonzero(paired),
+    """Locate the motors."""
+    model, motors = mechanism.rigid.rigid, mechanism.description.actuated
+    joints = [model.joints[model.getJointId(name)] for name in motors]
+    q_at, v_at = (
+        np.array([getattr(joint, key) for joint in joints], dtype=np.intp)
+        for key in ("idx_q", "idx_v")
     )
+    return MotorAxes(q_at, v_at, np.flatnonzero([joint.nq == 2 for joint in joints]))
 
 
 def joint_curve(
     mechanism: Mechanism, motion: Motion
 ) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Motion of the motors as a function of times (nt,): what `joint_path` answers."""
+    """Positions, velocities, accelerations of the motors, (nt, nm), of times (nt,)."""
     axes = motor_axes(mechanism)
     names = list(mechanism.description.actuated)
     home = axes.read(mechanism.home)
@@ -135,14 +108,6 @@ def joint_curve(
     if motion.absolute:
         rest[columns] = 0.0
 
-    if columns == list(range(len(names))):  # all of them, in order
-
-        def every(t: Array) -> tuple[Array, Array, Array]:
-            position, velocity, acceleration = motion.evaluate(t)
-            return position + rest, velocity, acceleration
-
-        return every
-
     def curve(t: Array) -> tuple[Array, Array, Array]:
         moved = np.zeros((3, len(t), len(names)))
         moved[:, :, columns] = motion.evaluate(t)
@@ -150,11 +115,6 @@ def joint_curve(
         return moved[0], moved[1], moved[2]
 
     return curve
-
-
-def joint_path(mechanism: Mechanism, motion: Motion, t: Array) -> tuple[Array, Array, Array]:
-    """Motor positions, velocities, accelerations of a motion of joints, each (nt, nm)."""
-    return joint_curve(mechanism, motion)(t)
 
 
 def plain_motion(mechanism: Mechanism) -> Motion:
@@ -289,9 +249,8 @@ class Path:
         if self.platform is None:
             if equations < len(self.unknown):
                 J = self.dynamics.close(self.mechanism.home)[1][:, self.passive]
-                _, motion = assembly.null_motion(
-                    J, self.dynamics.system.closed, self._passive_names
-                )
+                names = [self.names[k] for k in self.passive]
+                _, motion = assembly.null_motion(J, self.dynamics.system.closed, names)
                 return underactuated(self.mechanism, [motion])
             return MotionError(
                 f"{where}: {len(self.axes.v_at)} motors drive a mechanism of mobility {mobility}: "
@@ -303,10 +262,6 @@ class Path:
             f"({', '.join(self.motion.names)}), the mechanism has mobility {mobility}. "
             f"Name exactly {mobility} of x, y, z, rz, ry, rx that it can follow."
         )
-
-    @property
-    def _passive_names(self) -> list[str]:
-        return [self.names[k] for k in self.passive]
 
     def _frame(self) -> Attachment:
         name = self.mechanism.description.platform
@@ -331,7 +286,7 @@ class Path:
     def imposed(self, t: Array) -> tuple[Array, Array, Array]:
         """Imposed coordinates over time: motor positions or platform coordinates."""
         if self.platform is None:
-            return joint_path(self.mechanism, self.motion, t)
+            return joint_curve(self.mechanism, self.motion)(t)
         p, v, a = self.motion.evaluate(t)
         if not self.motion.absolute:
             p = p + self._values(self.mechanism.home)
@@ -388,11 +343,7 @@ class Path:
         return error[0], J[0][:, self.unknown]
 
     def solve(self, guess: Array, target: Array, time: float) -> Array:
-        """Closed pose with the imposed coordinates; Newton with step halving.
-
-        Raises:
-            MotionError: It cannot be reached from the guess.
-        """
+        """Closed pose with the imposed coordinates; Newton with step halving."""
         pose = guess.copy()
         if self.platform is None:
             self.axes.write(pose, target)
@@ -462,14 +413,12 @@ class Path:
     def _singular(self, J: Array, which: str, time: float) -> SceneError:
         columns = [self.names[k] for k in self.unknown]
         where = f"{self.mechanism.name}: t = {time:.6g} s"
-        what = (
-            ("passive loop Jacobian", "all motors locked")
-            if which == "motors"
-            else (
+        what = "passive loop Jacobian", "all motors locked"
+        if which != "motors":
+            what = (
                 "Jacobian of loops and imposed platform coordinates",
                 "the platform coordinates held",
             )
-        )
         closed = self.dynamics.system.closed
         return assembly.singularity(self.scaled(J), closed, columns, where, time, what)
 

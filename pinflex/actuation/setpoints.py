@@ -17,6 +17,7 @@ from pinflex.arrays import Array
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import hermite
+from pinflex.description.trajectories.waypoints import points_of
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import sliding
 from pinflex.report import card, grid
@@ -126,13 +127,9 @@ class Setpoints:
 def message(names: tuple[str, ...], t: Array, rows: Mapping[str, Array]) -> dict[str, Any]:
     """A ROS 2 JointTrajectory as plain data."""
     nanoseconds = np.round(np.asarray(t) * 1e9).astype(np.int64).tolist()
-    lists = {field_: values.tolist() for field_, values in rows.items()}
-    points: list[dict[str, Any]] = []
-    for k, time in enumerate(nanoseconds):
-        points.append({field_: values[k] for field_, values in lists.items()})
-        points[-1]["time_from_start"] = {"sec": time // 10**9, "nanosec": time % 10**9}
+    times = [{"sec": time // 10**9, "nanosec": time % 10**9} for time in nanoseconds]
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-    return {"header": header, "joint_names": [*names], "points": points}
+    return {"header": header, "joint_names": [*names], "points": points_of(times, rows)}
 
 
 def write_message(path: str | Path, data: Mapping[str, Any]) -> Path:
@@ -150,11 +147,7 @@ def write_message(path: str | Path, data: Mapping[str, Any]) -> Path:
 
 
 def ticks(duration: float, rate: float) -> Array:
-    """Equal times [s] from 0 to the end of a motion, or the first behind it.
-
-    Raises:
-        DescriptionError: No rate, or more than `MOST` rows.
-    """
+    """Equal times [s] from 0 to the end of a motion, or the first behind it."""
     if not (np.isfinite(rate) and rate > 0.0):
         raise DescriptionError(f"rate: {rate!r} Hz is out of range. It must be above 0.")
     last = max(int(np.ceil(duration * rate - _NO_TICK)), 1)

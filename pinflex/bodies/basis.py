@@ -25,7 +25,6 @@ from pinflex.bodies.beam import (
     DIRECTIONS,
     beam_energy,
     bending,
-    checked_density,
     craig_bampton,
     damping,
     plain_shapes,
@@ -83,29 +82,22 @@ class Curvature:
     def force(self, eta: Array) -> Array:
         """dV4/deta of states eta (..., n), shape (..., n)."""
         mixed, slope, bend = self._mixed(eta)
-        push = self.weight * mixed
-        out = np.zeros_like(eta)
-        for d in range(len(self.slope)):
-            out += (push * bend[d]) @ self.slope[d] + (push * slope[d]) @ self.bend[d]
-        return out
+        push, sums = self.weight * mixed, "d...p,dpn->...n"
+        return np.asarray(
+            np.einsum(sums, push * bend, self.slope) + np.einsum(sums, push * slope, self.bend)
+        )
 
     def stiffness(self, eta: Array) -> Array:
         """d2V4/deta2 of one state eta (n,), shape (n, n)."""
         mixed, slope, bend = self._mixed(eta)
-        rows = np.zeros_like(self.slope[0])
-        total = np.zeros((len(eta), len(eta)))
-        push = (self.weight * mixed)[:, None]
-        for d in range(len(self.slope)):
-            rows += bend[d][:, None] * self.slope[d] + slope[d][:, None] * self.bend[d]
-            both = self.slope[d].T @ (push * self.bend[d])
-            total += both + both.T
-        return np.asarray(total + rows.T @ (self.weight[:, None] * rows))
+        rows = (bend[:, :, None] * self.slope + slope[:, :, None] * self.bend).sum(axis=0)
+        both = np.einsum("dpi,p,dpj->ij", self.slope, self.weight * mixed, self.bend)
+        return np.asarray(both + both.T + rows.T @ (self.weight[:, None] * rows))
 
-    def _mixed(self, eta: Array) -> tuple[Array, list[Array], list[Array]]:
+    def _mixed(self, eta: Array) -> tuple[Array, Array, Array]:
         """v' v'' + w' w'' at the points, (..., points), and v', w' and v'', w'' there."""
-        slope = [eta @ rows.T for rows in self.slope]
-        bend = [eta @ rows.T for rows in self.bend]
-        return np.asarray(sum(a * b for a, b in zip(slope, bend, strict=True))), slope, bend
+        slope, bend = (np.einsum("dpn,...n->d...p", rows, eta) for rows in (self.slope, self.bend))
+        return (slope * bend).sum(axis=0), slope, bend
 
 
 def curvature(
@@ -153,19 +145,13 @@ class Cut:
 def cut(body: FlexibleBody, count: int = SECTIONS) -> Cut:
     """Sections at equal distances along a body."""
     if body.solid is not None:
-        solid = body.solid
-        return Cut(solid.x, solid.Phi, solid.G, solid.outer, np.zeros((len(solid.x), 0)))
+        return body.solid.cut
     x = np.linspace(0.0, body.length, count)
     families, slices = body.families, body.slices
     Phi = beam.first_order(families, slices, x)
     G = beam.second_order(families, slices, x, range(6)) if body.second_order else None
-    breaks = _breaks(body)
+    breaks = union([family.breaks for family in families.values()])
     return Cut(x, Phi, G, _outer(x, body.x, breaks), _outer(x, body.xt, breaks))
-
-
-def _breaks(body: FlexibleBody) -> Array:
-    edges = np.concatenate([family.breaks for family in body.families.values()])
-    return np.unique(np.round(edges / body.length, 12)) * body.length
 
 
 def _outer(x: Array, stations: Array, breaks: Array) -> Array:
@@ -231,8 +217,8 @@ class FlexibleBody:
         xt: Twist stations (m), shape (nt,): none without torsion or with rotary inertia.
         It: Their moments of inertia rho Ip w (kg m^2), shape (nt,).
         Phi_t, G_t: Rows of their rotation rx, shapes (nt, n) and (nt, n, n).
-        rotary: Whether stations turn with inertia.
-        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None without.
+        inertia: rho (Ip, my, mz) w about (x, y, z) (kg m^2), shape (ns, 3); None: stations do not
+            turn with inertia.
         Phi_r, G_r: Rows of their rotations (rz, ry, rx), shapes (ns, 3, n) and (ns, 3, n, n).
         K: Stiffness, shape (n, n).
         M: Linear mass matrix of the beam held at its root, shape (n, n); with the end masses,
@@ -263,7 +249,6 @@ class FlexibleBody:
     M: Array
     D: Array
     G_t: Array | None = None
-    rotary: bool = False
     inertia: Array | None = None
     Phi_r: Array | None = None
     G_r: Array | None = None
@@ -291,21 +276,17 @@ class FlexibleBody:
         """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
         if self.solid is not None:
             return self.solid.rows(x)
-        if x not in self._rows:
-            self._rows[x] = self._rows_at(x)
+        if x not in self._rows:  # equal links share their body, and loads ask again
+            at = np.array([float(x)])
+            Phi, G = beam.first_order(self.families, self.slices, at)[0], None
+            if self.second_order:
+                G = beam.second_order(self.families, self.slices, at, range(6))[0]
+            self._rows[x] = Phi, G
         return self._rows[x]
 
     @cached_property
     def _rows(self) -> dict[float, tuple[Array, Array | None]]:
-        """Rows of sections asked for: equal links share their body, and loads ask again."""
         return {}
-
-    def _rows_at(self, x: float) -> tuple[Array, Array | None]:
-        at = np.array([float(x)])
-        Phi = beam.first_order(self.families, self.slices, at)[0]
-        if not self.second_order:
-            return Phi, None
-        return Phi, beam.second_order(self.families, self.slices, at, range(6))[0]
 
     def fields(self, x: Array) -> dict[str, Array]:
         """Linear output rows at x (m), shape (nx,).
@@ -330,15 +311,14 @@ class FlexibleBody:
         return out
 
 
-def flexible_body(
-    link: FlexibleLink, planes: Sequence[str], length: float, rho: float | None = None
-) -> FlexibleBody:
+def flexible_body(link: FlexibleLink, planes: Sequence[str], length: float) -> FlexibleBody:
     """Build the stations, stiffness and damping of a flexible link.
 
     craig_bampton: static end shapes and fixed-interface modes of polynomials; finite_element:
     Hermite elements; assumed: analytic bending modes, sines or polynomials for stretch and twist.
     """
-    density = checked_density(link, planes, length, rho)
+    density = link.material.rho
+    assert density is not None  # where it follows from the URDF's mass, `resolve` has it
     families, slices, K, M = _directions(link, planes, length, density)
     n, D = len(K), damping(link, slices, K, M)
     section, rotary = link.section, link.rotary_inertia is True
@@ -346,7 +326,9 @@ def flexible_body(
     gauss = max([f.gauss for d, f in families.items() if d != "p" or rotary], default=2)
     breaks = beam.union([f.breaks for f in families.values()])
     x, w = (a.ravel() for a in quadrature(breaks, gauss))
-    xt, wt = _twist_stations(families, rotary)
+    xt = wt = np.zeros(0)
+    if "p" in families and not rotary:  # stations that only turn about the beam
+        xt, wt = (a.ravel() for a in quadrature(families["p"].breaks, families["p"].gauss))
     Phi, Phi_t = (beam.first_order(families, slices, at) for at in (x, xt))
     G = G_t = None
     if link.second_order:
@@ -358,7 +340,11 @@ def flexible_body(
         length=length,
         families=families,
         slices=slices,
-        labels=_labels(families),
+        labels=tuple(
+            f"{d}{name}" if name.isdigit() else f"{d} {name}"
+            for d, family in families.items()
+            for name in family.names
+        ),
         second_order=link.second_order,
         x=x,
         mass=density * section.A * w,
@@ -368,7 +354,6 @@ def flexible_body(
         It=density * section.Ip * wt,
         Phi_t=Phi_t[:, 5],
         G_t=G_t,
-        rotary=rotary,
         inertia=density * np.outer(w, [section.Ip, *section.turning]) if rotary else None,
         Phi_r=Phi[:, 3:] if rotary else None,
         G_r=G[:, 3:] if rotary and G is not None else None,
@@ -408,14 +393,6 @@ def _directions(
     return families, slices, K, M
 
 
-def _twist_stations(families: Mapping[str, Family], rotary: bool) -> tuple[Array, Array]:
-    """Places (m) and weights of the stations that only turn about the beam."""
-    if rotary or "p" not in families:
-        return np.zeros(0), np.zeros(0)
-    x, w = quadrature(families["p"].breaks, families["p"].gauss)
-    return x.ravel(), w.ravel()
-
-
 def _curvature(
     link: FlexibleLink, families: Mapping[str, Family], slices: Mapping[str, slice], n: int
 ) -> Curvature | None:
@@ -453,14 +430,6 @@ def _stretched(
     root, tip = u.evaluate(np.array([0.0, u.length])).f
     rest[at] = np.linalg.solve(K[at, at], link.material.E * link.section.A * strain * (tip - root))
     return rest
-
-
-def _labels(families: Mapping[str, Family]) -> tuple[str, ...]:
-    return tuple(
-        f"{d}{name}" if name.isdigit() else f"{d} {name}"
-        for d, family in families.items()
-        for name in family.names
-    )
 
 
 def tips_over(link: FlexibleLink, planes: Collection[str]) -> bool:

@@ -384,11 +384,7 @@ class Field:
         return corners, triangles.reshape(3, -1).T
 
     def stress_rows(self, shapes: Array, corners: IntArray) -> Array:
-        """Stress xx yy zz yz zx xy (Pa) at mesh corners, averaged over the cells that meet there.
-
-        Returns:
-            Shape (k, 6, n).
-        """
+        """Stress xx yy zz yz zx xy (Pa) at k corners, averaged over the cells there, (k, 6, n)."""
         skfem, cells = scikit_fem("solid"), self.mesh.cells
         at = np.asarray(cells.refdom.p, dtype=float)
         rule = (at, np.full(at.shape[1], 1.0 / at.shape[1]))
@@ -432,8 +428,6 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
 
     K = int B' C B dV, mass = int rho N' N dV, with quadratic displacements.
     """
-    from scipy.sparse import coo_array
-
     rho = _density(material, where)
     field = Field(mesh, material)
     grad, dx, nodes, value = field.points
@@ -447,25 +441,20 @@ def of_mesh(mesh: Mesh, material: Material, where: str) -> Solid:
     along = shear * np.einsum("eiaja->eij", A)
     for c in range(3):
         local[:, :, c, :, c] += along
-    dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(ne, nb * 3)
-    count = int(nodes.max()) + 1
-    K = coo_array(
-        (
-            local.reshape(-1),
-            (np.repeat(dofs, 3 * nb, axis=1).reshape(-1), np.tile(dofs, (1, 3 * nb)).reshape(-1)),
-        ),
-        shape=(3 * count, 3 * count),
-    ).tocsc()
-    masses = rho * ((value * dx[:, None]) @ value.transpose(0, 2, 1))
-    M = coo_array(
-        (
-            masses.reshape(-1),
-            (np.repeat(nodes, nb, axis=1).reshape(-1), np.tile(nodes, (1, nb)).reshape(-1)),
-        ),
-        shape=(count, count),
-    ).tocsc()
+    K = _assembled(local, (3 * nodes[:, :, None] + np.arange(3)).reshape(ne, nb * 3))
+    M = _assembled(rho * ((value * dx[:, None]) @ value.transpose(0, 2, 1)), nodes)
     basis = scikit_fem(where).CellBasis(mesh.cells, mesh.element, intorder=1)
     return Solid(basis.doflocs.T.copy(), K, M, mesh.regions, field)
+
+
+def _assembled(local: Array, dofs: IntArray) -> Any:
+    """The sparse sum of matrices of cells that have the degrees of freedom (ne, n)."""
+    from scipy.sparse import coo_array
+
+    n, count = dofs.shape[1], int(dofs.max()) + 1
+    rows, columns = np.repeat(dofs, n, axis=1), np.tile(dofs, (1, n))
+    entries = local.reshape(-1), (rows.reshape(-1), columns.reshape(-1))
+    return coo_array(entries, shape=(count, count)).tocsc()
 
 
 def of_matrices(nodes: Array, K: Any, M: Any, regions: Mapping[str, IntArray], where: str) -> Solid:

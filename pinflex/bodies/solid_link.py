@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -140,20 +140,19 @@ def _turned(solid: Solid, P: Array) -> Solid:
 
 def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
     """M, K, nodes and interfaces from one .npz, or from Matrix Market files and a table."""
+    from scipy.io import mmread
+
     found: dict[str, Any] = {}
     if basis.file:
-        found = _npz(folder / basis.file, where)
+        text = "not a .npz of arrays ({})."
+        found = _loaded(folder / basis.file, f"{where}.file", _npz, text)
     for key, name in (("M", basis.mass), ("K", basis.stiffness)):
         if name:
-            found[key] = _market(folder / name, f"{where}.{key}")
+            text = "not a Matrix Market file ({})."
+            found[key] = _loaded(folder / name, f"{where}.{key}", mmread, text)
     if basis.nodes:
-        path = mesh.existing(folder / basis.nodes, f"{where}.nodes")
-        try:
-            found["nodes"] = np.loadtxt(path, delimiter="," if path.suffix == ".csv" else None)
-        except ValueError as error:
-            raise DescriptionError(
-                f"{where}.nodes: {path.name}: {error}. Write x y z [m] per line."
-            ) from None
+        text = "{}. Write x y z [m] per line."
+        found["nodes"] = _loaded(folder / basis.nodes, f"{where}.nodes", _table, text)
     for key in ("M", "K", "nodes"):
         if key not in found:
             raise DescriptionError(
@@ -186,35 +185,30 @@ def _node_set(found: Mapping[str, Any], nodes: Array, region: Region, where: str
     return mesh.require_area(nodes, numbers, where)
 
 
-def _npz(path: Path, where: str) -> dict[str, Any]:
+def _loaded(path: Path, where: str, read: Callable[[Path], Any], text: str) -> Any:
+    """What is in a file, or the error that names it and says what is wrong."""
+    path = mesh.existing(path, where)
+    try:
+        return read(path)
+    except (OSError, ValueError, EOFError, TypeError) as error:
+        raise DescriptionError(f"{where}: {path.name}: {text.format(error)}") from None
+
+
+def _table(path: Path) -> Array:
+    return np.loadtxt(path, delimiter="," if path.suffix == ".csv" else None)
+
+
+def _npz(path: Path) -> dict[str, Any]:
     """Arrays of a .npz; a sparse matrix A may stand as A_data, A_indices, A_indptr (CSC)."""
     from scipy.sparse import csc_array
 
-    path = mesh.existing(path, f"{where}.file")
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            found: dict[str, Any] = {key: data[key] for key in data.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise DescriptionError(
-            f"{where}.file: {path.name}: not a .npz of arrays ({error})."
-        ) from None
+    with np.load(path, allow_pickle=False) as data:
+        found: dict[str, Any] = {key: data[key] for key in data.files}
     for key in ("M", "K"):
         parts = tuple(f"{key}_{part}" for part in ("data", "indices", "indptr"))
         if all(part in found for part in parts):
             found[key] = csc_array(tuple(found.pop(part) for part in parts))
     return found
-
-
-def _market(path: Path, where: str) -> Any:
-    from scipy.io import mmread
-
-    path = mesh.existing(path, where)
-    try:
-        return mmread(path)
-    except (ValueError, OSError, TypeError) as error:
-        raise DescriptionError(
-            f"{where}: {path.name}: not a Matrix Market file ({error})."
-        ) from None
 
 
 def equivalent_section(body: FlexibleBody, density: float | None) -> Section:

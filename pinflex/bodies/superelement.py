@@ -22,7 +22,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam
-from pinflex.bodies.basis import FlexibleBody
+from pinflex.bodies.basis import SECTIONS, Cut, FlexibleBody
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
 from pinflex.text import brief
@@ -198,7 +198,6 @@ def _second_rotation(one: Array, two: Array) -> Array:
 
 
 _DIRECTIONS = ("u", "v", "w", "rx", "ry", "rz")
-SECTIONS = 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,10 +225,8 @@ class Superelement:
         nodes: Interfaces that move. held: Name and centre of the one that does not.
         inertia_error: Largest error of the points in Z, as a share of its largest entries.
         held_frequencies: Of the kept modes, all interfaces held (Hz), shape (modes,).
-        x: Sections along the span (m), shape (nx,).
-        Phi, G: Their rows (u, v, w, rz, ry, rx), shapes (nx, 6, n) and (nx, 6, n, n).
-        outer: Forces of the points -> force of the mass beyond a section, shape (nx, ns).
-        outer_moment: The same mass's moment arms (m), shape (nx, ns, 3).
+        cut: Sections along the span; its `outer` takes forces of the points to that of the mass
+            beyond. outer_moment: The same mass's moment arms (m), shape (nx, ns, 3).
         corners: Surface nodes (m), shape (nc, 3). triangles: Shape (nt, 3).
         shapes: Displacements of the corners, shape (nc, 3, n).
         stress: Stress xx yy zz yz zx xy at the corners (Pa) for unit forces that the points need
@@ -244,10 +241,7 @@ class Superelement:
     held: tuple[str, Array]
     inertia_error: float
     held_frequencies: Array
-    x: Array
-    Phi: Array
-    G: Array | None
-    outer: Array
+    cut: Cut
     outer_moment: Array
     corners: Array
     triangles: IntArray
@@ -256,15 +250,16 @@ class Superelement:
 
     def rows(self, x: float) -> tuple[Array, Array | None]:
         """Rows (u, v, w, rz, ry, rx) at x (m), between sections by straight lines."""
-        at = _between(self.x, np.array([x]))
-        curved = None if self.G is None else np.tensordot(at, self.G, 1)[0]
-        return np.tensordot(at, self.Phi, 1)[0], curved
+        at, G = _between(self.cut.x, np.array([x])), self.cut.G
+        curved = None if G is None else np.tensordot(at, G, 1)[0]
+        return np.tensordot(at, self.cut.Phi, 1)[0], curved
 
     def fields(self, x: Array) -> dict[str, Array]:
         """Rows as those of a beam (`FlexibleBody.fields`), strains by differences of sections."""
-        at, slope = _between(self.x, x), np.gradient(self.Phi, self.x, axis=0, edge_order=2)
+        nodes, Phi = self.cut.x, self.cut.Phi
+        at, slope = _between(nodes, x), np.gradient(Phi, nodes, axis=0, edge_order=2)
         names = {"axial": (0, 1.0), "curvature_v": (3, 1.0), "curvature_w": (4, -1.0)}
-        out = {"deflection": np.tensordot(at, self.Phi[:, [0, 1, 2, 5, 4, 3]], 1)}
+        out = {"deflection": np.tensordot(at, Phi[:, [0, 1, 2, 5, 4, 3]], 1)}
         for name, (row, sign) in (names | {"twist": (5, 1.0)}).items():
             out[name] = sign * (at @ slope[:, row])
         return out
@@ -321,10 +316,7 @@ def reduce(
         held=(regions[0][0], centres[0]),
         inertia_error=mass.error,
         held_frequencies=np.sqrt(squares) / (2.0 * np.pi),
-        x=x,
-        Phi=rows,
-        G=curved,
-        outer=outer,
+        cut=Cut(x, rows, curved, outer, np.zeros((len(x), 0))),
         outer_moment=arms,
         corners=solid.nodes[corners],
         triangles=triangles,
@@ -373,7 +365,7 @@ def _rigid_regions(
     solid: Solid, regions: Sequence[IntArray], centres: Sequence[Array]
 ) -> tuple[Any, int]:
     """T from (6 coordinates per moving interface, other nodes) to all displacements."""
-    from scipy.sparse import coo_array
+    from scipy.sparse import csc_array, eye_array, hstack
 
     nn = len(solid.nodes)
     owner = np.zeros(nn, dtype=np.intp)
@@ -385,27 +377,16 @@ def _rigid_regions(
                 "are rigid, so they must not touch. Choose smaller regions."
             )
         owner[region] = number + 1
-    moving = 6 * (len(regions) - 1)
-    rows: list[Any] = []
-    columns: list[Any] = []
-    values: list[Any] = []
-    free = np.flatnonzero(owner == 0)
-    at = (3 * free[:, None] + np.arange(3)).ravel()
-    rows.append(at)
-    columns.append(moving + np.arange(len(at)))
-    values.append(np.ones(len(at)))
-    for number, region in enumerate(regions[1:]):
-        arm = solid.nodes[region] - centres[number + 1]
-        block = np.zeros((len(region), 3, 6))
-        block[:, :, :3] = np.eye(3)
-        block[:, :, 3:] = np.einsum("acb,ib->ica", CROSS, arm)  # e_a x arm
-        i, c, k = np.nonzero(block)
-        rows.append(3 * region[i] + c)
-        columns.append(6 * number + k)
-        values.append(block[i, c, k])
-    shape = (3 * nn, moving + len(at))
-    index = (np.concatenate(rows), np.concatenate(columns))
-    return coo_array((np.concatenate(values), index), shape=shape).tocsc(), moving
+    columns = []
+    for region, centre in zip(regions[1:], centres[1:], strict=True):
+        block = np.zeros((nn, 3, 6))
+        block[region, :, :3] = np.eye(3)
+        arm = solid.nodes[region] - centre
+        block[region, :, 3:] = np.einsum("acb,ib->ica", CROSS, arm)  # e_a x arm
+        columns.append(csc_array(block.reshape(3 * nn, 6)))
+    free = (3 * np.flatnonzero(owner == 0)[:, None] + np.arange(3)).ravel()
+    other = eye_array(3 * nn, format="csc")[:, free]
+    return hstack([*columns, other], format="csc"), 6 * len(columns)
 
 
 def _craig_bampton(

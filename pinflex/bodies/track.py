@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import factorial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import chebyshev, polynomial
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 ORDERS = 4  # the value and three derivatives: the bias of a slope takes its second
 # Pieces are halved until this many Chebyshev points leave no more than round-off.
 _POINTS, _LEFT, _HALVINGS = 16, 1e-13, 12
+_FACTORIALS = np.array([[1.0], [1.0], [2.0], [6.0]])  # of the orders of a Taylor series
 _NO_DEGREE = 1e-15  # of the largest coefficient: degrees that hold less are left out
 
 
@@ -54,8 +54,8 @@ class Series:
         k = int(np.searchsorted(self.breaks, inside, side="right")) - 1
         k = min(max(k, 0), len(self.powers) - 1)
         start, half = self.breaks[k], 0.5 * (self.breaks[k + 1] - self.breaks[k])
-        found = _weights((inside - start) / half - 1.0, half, self.powers.shape[1]) @ self.powers[k]
-        return found if inside == x else _shifted(found, x - inside)
+        found = _derivatives(self.powers[k], (inside - start) / half - 1.0, 1.0 / half)
+        return found if inside == x else _derivatives(found / _FACTORIALS, x - inside)
 
 
 def series(function: Callable[[Array], Array], breaks: Array, size: Array) -> Series:
@@ -78,24 +78,12 @@ def series(function: Callable[[Array], Array], breaks: Array, size: Array) -> Se
     return Series(breaks, np.ascontiguousarray(to_powers @ found[:, :count]))
 
 
-def _weights(z: float, half: float, count: int) -> Array:
-    """What coefficients count for in derivatives of order 0 to 3, shape (4, count)."""
-    out = np.zeros((ORDERS, count))
-    for d in range(count):
-        factor = 1.0
-        for order in range(min(ORDERS, d + 1)):
-            out[order, d] = factor * z ** (d - order)
-            factor *= (d - order) / half
-    return out
-
-
-def _shifted(rows: Array, gap: float) -> Array:
-    """Derivatives of order 0 to 3 (first axis) a step on, of a cubic."""
-    shift = np.array([gap**k / factorial(k) for k in range(ORDERS)])
-    out = np.empty_like(rows)
-    for d in range(ORDERS):
-        out[d] = np.tensordot(shift[: ORDERS - d], rows[d:], 1)
-    return out
+def _derivatives(powers: Array, z: float, slope: float = 1.0) -> Array:
+    """Polynomials (degree + 1, n) at z, and their derivatives by x, dz/dx = slope, (4, n)."""
+    return np.array([
+        polynomial.polyval(z, polynomial.polyder(powers, order, scl=slope))
+        for order in range(ORDERS)
+    ])  # fmt: skip
 
 
 _NOTHING = 1e-15  # of the largest entry of a row: others are round-off

@@ -447,18 +447,6 @@ def _describe(
         }
         tree = sources.find(named, folder, block.at("urdf"), arguments)
     block, tree, text = _written_out(block, text, tree)
-    joined = block.get("joints")
-    extras = joined.values() if isinstance(joined, Mapping) else ()
-    if any(isinstance(x, Mapping) and "clearance" in x for x in extras):
-        from pinflex.description.robots.cut_joints import cut
-
-        written, tree = cut(block, tree, file)
-        block = schema.Block(written, file, KEYS)
-    if _resisting(block):
-        from pinflex.description.blocks.bushing import yielding  # late: few scenes have any
-
-        written, tree = yielding(block, tree)
-        block = schema.Block(written, file, KEYS)
     values = block.read(tree)
     joints = read_joints(block.get("joints", {}), block.at("joints"), tree)
     types = _joint_types(tree, joints, values.get("base", "fixed"))
@@ -514,15 +502,27 @@ def _argument(value: object, where: str) -> str:
 
 
 def _written_out(block: schema.Block, text: str, tree: Source) -> tuple[schema.Block, Source, str]:
-    """Block, robot and YAML text, which says all that the robot's file does not (loops, chains)."""
+    """Block and robot with all that is short for more (chains, joints that are cut or yield).
+
+    And the YAML text, which says all that the robot's file does not: loops, chains.
+    """
+    written: Mapping[str, Any] = block
     if tree.loops or tree.blocks:
-        block = schema.Block(tree.joined(block), block.where, KEYS)
+        written = block = schema.Block(tree.joined(block), block.where, KEYS)
         text = _dumped(block)
     straight = curved.straightened(block, block.at("flexible"), tree)
-    if straight is None:
-        return block, tree, text
-    written, tree = straight
-    return schema.Block(written, block.where, KEYS), tree, _dumped(written)
+    if straight is not None:
+        written, tree = straight
+        text = _dumped(written)
+    joined = written.get("joints")
+    extras = joined.values() if isinstance(joined, Mapping) else ()
+    loose = any(isinstance(x, Mapping) and "clearance" in x for x in extras)
+    if loose or _resisting(written):
+        from pinflex.description.blocks import bushing  # late: few scenes have any
+
+        written, tree = bushing.cut(written, tree, block.where) if loose else (written, tree)
+        written, tree = bushing.yielding(schema.Block(written, block.where, KEYS), tree)
+    return schema.Block(written, block.where, KEYS), tree, text
 
 
 def _joint_types(tree: Source, joints: Mapping[str, JointExtra], base: str) -> dict[str, str]:

@@ -131,7 +131,6 @@ class Section:
         Source: Young, Budynas, Roark's Formulas (7th ed.), table 10.1, case 4, for J; for Wt see
             `torsion.rectangle_modulus`; shear factors 5/6 from the shear energy.
         """
-        _check(where, width=width, thickness=thickness)
         a, b = max(width, thickness), min(width, thickness)
         y, z = thickness / 2, width / 2
         corners = ((-y, -z), (y, -z), (y, z), (-y, z))
@@ -155,7 +154,6 @@ class Section:
 
         Source: shear factor 6 (1 + nu) / (7 + 6 nu), Cowper (1966), with nu = 0.3: 0.886.
         """
-        _check(where, diameter=diameter)
         return cls._round(diameter, 0.0, "circle", (("diameter", diameter),))
 
     @classmethod
@@ -164,7 +162,6 @@ class Section:
 
         Source: shear factor of Cowper (1966) for a hollow circle, with nu = 0.3.
         """
-        _check(where, diameter=diameter, wall=wall)
         if wall >= diameter / 2:
             raise DescriptionError(
                 f"{schema.at(where, 'wall')}: {wall:g} leaves no bore in a tube of diameter "
@@ -205,7 +202,6 @@ class Section:
         Source: Timoshenko, Goodier, Theory of Elasticity, section 112, for J and tau = T t / J;
             the shear factors are area ratios: the web along y, 5/6 of the flanges along z.
         """
-        _check(where, width=width, height=height, flange=flange, web=web)
         if web >= width or 2 * flange >= height:
             key, value, limit = (
                 ("web", web, width) if web >= width else ("flange", flange, height / 2)
@@ -245,7 +241,6 @@ class Section:
         where: str = "section",
     ) -> Section:
         """Any section, by its numbers."""
-        _check(where, A=A, Iy=Iy, Iz=Iz, J=J, **({} if Wt is None else {"Wt": Wt}))
         if (Iy + Iz) * (1 + 1e-9) < J:  # St-Venant's J is largest, = Iy + Iz, for round sections
             raise DescriptionError(
                 f"{schema.at(where, 'J')}: {J:g} is more than Iy + Iz = {Iy + Iz:g}, which no "
@@ -368,11 +363,6 @@ def _fibres(value: object, where: str) -> Points:
             f"{where}: {len(rows)} points. A section has 3 or more (y, z) corners."
         )
     return tuple((y, z) for y, z in rows)
-
-
-def _check(where: str, **sizes: float) -> None:
-    for key, size in sizes.items():
-        schema.number(size, schema.at(where, key), above=0, of=_QUANTITIES[key])
 
 
 def _polygon(diameter: float, count: int) -> Points:

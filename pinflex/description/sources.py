@@ -6,6 +6,7 @@ The readers of formats other than URDF are imported when a file asks for one.
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -89,6 +90,12 @@ def read(
     source = reader(text, file, package_dirs)
     # The name says what the text is now, so that it can be read again.
     return source if reader is urdf.check else replace(source, file=f"{file}.urdf")
+
+
+def rewritten(root: ET.Element, tree: Source) -> Source:
+    """A robot whose URDF is another one now."""
+    text = ET.tostring(root, encoding="unicode")
+    return replace(read(text, tree.file, tree.package_dirs), notes=tree.notes)
 
 
 def is_packaged(source: object) -> bool:

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import hold
+from pinflex.description.robots.tree_text import triple
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
@@ -20,21 +21,16 @@ from pinflex.solver.solve import solve_level
 
 Vec = Sequence[float]
 
-# Keys of a flexible link that has every strain of an exact beam in a plane.
+# Keys of a flexible link that has every strain of an exact beam in space, and in a plane.
+SPACE_BEAM = "\n    ".join(
+    f"{key}: true" for key in ("bending_y", "bending_z", "torsion", "axial", "shear")
+)
 PLANE_BEAM = """bending_y: true
     bending_z: false
     torsion: false
     axial: true
     shear: true
     rotary_inertia: true"""
-
-
-# Keys of one with those of a beam in space.
-SPACE_BEAM = """bending_y: true
-    bending_z: true
-    torsion: true
-    axial: true
-    shear: true"""
 
 
 @dataclass(frozen=True)
@@ -52,10 +48,6 @@ class Body:
     inertia: Vec = (0.0, 0.0, 0.0)
 
 
-def _text(values: Vec) -> str:
-    return " ".join(f"{float(x):.17g}" for x in values)
-
-
 def urdf(bodies: Sequence[Body]) -> str:
     """URDF on a link "base"; the joint of a body is called "NAME_joint"."""
     lines = ['<robot name="scene">', '<link name="base"/>']
@@ -64,26 +56,29 @@ def urdf(bodies: Sequence[Body]) -> str:
         if b.mass or any(b.inertia):
             x, y, z = (float(i) for i in b.inertia)
             lines.append(
-                f'<inertial><origin xyz="{_text(b.com)}"/><mass value="{float(b.mass)!r}"/>'
+                f'<inertial><origin xyz="{triple(b.com)}"/><mass value="{float(b.mass)!r}"/>'
                 f'<inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0"/></inertial>'
             )
         lines.append(f'</link><joint name="{b.name}_joint" type="{b.joint}">')
         lines.append(f'<parent link="{b.parent}"/><child link="{b.name}"/>')
-        lines.append(f'<origin xyz="{_text(b.xyz)}" rpy="{_text(b.rpy)}"/>')
+        lines.append(f'<origin xyz="{triple(b.xyz)}" rpy="{triple(b.rpy)}"/>')
         if b.joint != "fixed":
-            lines.append(f'<axis xyz="{_text(b.axis)}"/>')
+            lines.append(f'<axis xyz="{triple(b.axis)}"/>')
         if b.joint in ("revolute", "prismatic"):
             lines.append('<limit lower="-1e3" upper="1e3" effort="1e9" velocity="1e9"/>')
         lines.append("</joint>")
     return "\n".join([*lines, "</robot>"])
 
 
-def scene(name: str, bodies: Sequence[Body], yaml: str) -> Mechanism:
+def scene(
+    name: str, bodies: Sequence[Body], yaml: str, gravity: Vec = (0, 0, 0), motors: str = ""
+) -> Mechanism:
     """Write NAME.urdf and NAME.yaml to a passing folder and load them as a user would."""
+    head = f"urdf: {name}.urdf\ngravity: {[*gravity]}\nactuated: [{motors}]\n"
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / f"{name}.urdf").write_text(urdf(bodies), encoding="utf-8")
         path = Path(folder) / f"{name}.yaml"
-        path.write_text(f"urdf: {name}.urdf\n{yaml}", encoding="utf-8")
+        path.write_text(head + yaml, encoding="utf-8")
         return load(path)
 
 
@@ -160,6 +155,20 @@ class Check:
         return bool(self.error <= self.tolerance) and not self.reported
 
 
+def off(quantity: str, value: Any, tolerance: float, note: str = "") -> Check:
+    """A distance, which should be zero."""
+    return Check(quantity, float(value), 0.0, tolerance, False, note)
+
+
+def worst(
+    quantity: str, found: Array, exact: Any, tolerance: float, names: Any = None, note: str = ""
+) -> Check:
+    """That of several numbers that is farthest from its reference, as a fraction of it."""
+    k = int(np.argmax(np.abs(found / exact - 1)))
+    label = quantity if names is None else f"{quantity}{names[k]}"
+    return Check(label, float(found[k]), float(exact[k]), tolerance, note=note)
+
+
 @dataclass(frozen=True)
 class Series:
     """One line of a picture; a reference is drawn as points."""
@@ -184,7 +193,7 @@ class Picture:
 class Outcome:
     """Checks of one case, and at most one picture."""
 
-    checks: tuple[Check, ...]
+    checks: Sequence[Check]
     picture: Picture | None = None
 
 

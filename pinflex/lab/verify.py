@@ -13,7 +13,7 @@ from typing import Any
 
 from pinflex.errors import DescriptionError, PinflexError, nearest
 from pinflex.lab import beams, elastica, loops, simeon, springs
-from pinflex.lab.scene import Case, Outcome, Picture
+from pinflex.lab.scene import Case, Check, Outcome, Picture
 from pinflex.text import paragraph, table
 from pinflex.threads import one_blas_thread
 from pinflex.writing import write_text
@@ -34,32 +34,17 @@ CASES: tuple[Case, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Record:
-    """One quantity of one benchmark.
+@dataclass(frozen=True, kw_only=True)
+class Record(Check):
+    """One quantity of one benchmark; measured is nan if the case failed.
 
     Attributes:
-        case: Benchmark. quantity: What, with its unit.
-        measured: From pinflex; nan if the case failed. reference: Published or exact.
-        error: Distance from the reference, relative to it if `relative`. tolerance: Its limit.
-        relative: How the error is meant.
-        source: Where the reference is from. note: Reason of the tolerance.
-        seconds: Time of the whole case. passed: error <= tolerance.
-        reported: Known not to reach it, and shown for its error only.
+        case: Benchmark. source: Where its reference is from. seconds: Time of all of it.
     """
 
     case: str
-    quantity: str
-    measured: float
-    reference: float
-    error: float
-    tolerance: float
-    relative: bool
     source: str
-    note: str
     seconds: float
-    passed: bool
-    reported: bool = False
 
     @property
     def mark(self) -> str:
@@ -81,7 +66,7 @@ class Verification:
 
     def to_json(self) -> list[dict[str, Any]]:
         """The records as plain mappings."""
-        return [asdict(r) for r in self.records]
+        return [asdict(r) | {"error": r.error, "passed": r.passed} for r in self.records]
 
 
 @one_blas_thread()
@@ -91,13 +76,7 @@ def verify(
     slow: bool = False,
     ended: Callable[[str], None] | None = None,
 ) -> Verification:
-    """Run benchmarks.
-
-    Returns:
-        One record per checked quantity; a case that raises gives one record that did not pass.
-    Raises:
-        DescriptionError: A name that no case has.
-    """
+    """Run benchmarks; a case that raises gives one record that did not pass."""
     chosen = _chosen(names, slow)
     records: list[Record] = []
     pictures: list[Picture] = []
@@ -125,24 +104,17 @@ def _chosen(names: Sequence[str], slow: bool) -> list[Case]:
 
 
 def _run(case: Case) -> tuple[list[Record], Picture | None]:
-    began = time.perf_counter()
+    began, none = time.perf_counter(), float("nan")
     try:
         outcome = case.run()
     except PinflexError as error:
-        none = float("nan")
-        seconds = time.perf_counter() - began
-        failed = Record(case.name, "runs to its end", none, none, none, 0.0, False, case.source,
-                        str(error), seconds, False)  # fmt: skip
-        return [failed], None
-    return _records(case, outcome, time.perf_counter() - began), outcome.picture
-
-
-def _records(case: Case, outcome: Outcome, seconds: float) -> list[Record]:
-    return [
-        Record(case.name, c.quantity, float(c.measured), float(c.reference), c.error, c.tolerance,
-               c.relative, case.source, c.note, seconds, c.passed, c.reported)
-        for c in outcome.checks
-    ]  # fmt: skip
+        outcome = Outcome([Check("runs to its end", none, none, 0.0, False, str(error))])
+    told: dict[str, Any] = {
+        "case": case.name,
+        "source": case.source,
+        "seconds": time.perf_counter() - began,
+    }
+    return [Record(**vars(check), **told) for check in outcome.checks], outcome.picture
 
 
 # Text --------------------------------------------------------------------------------------------

@@ -31,18 +31,18 @@ def solid_resultants(
     The mass beyond a section needs a force that is linear in the forces of the mass points; its
     moment arms are the undeformed ones.
     """
-    force = np.einsum("xs,tsd->txd", solid.outer, station, optimize=True)
+    force = np.einsum("xs,tsd->txd", solid.cut.outer, station, optimize=True)
     arm, pull = solid.outer_moment, station
     moment = np.empty_like(force)
     for a, (b, c) in enumerate(((1, 2), (2, 0), (0, 1))):
         moment[:, :, a] = pull[:, :, c] @ arm[:, :, b].T - pull[:, :, b] @ arm[:, :, c].T
     for node, (push, turn) in zip(solid.nodes, loads, strict=True):
-        beyond = solid.x <= max(node.place[0], 0.0) * (1.0 + 1e-9)
+        beyond = solid.cut.x <= max(node.place[0], 0.0) * (1.0 + 1e-9)
         at = node.place + eta @ node.Phi[:3].T
         force[:, beyond] += push[:, None]
         moment[:, beyond] += (turn + cross(at, push))[:, None]
     place = d[:, :, :3].copy()
-    place[:, :, 0] += solid.x
+    place[:, :, 0] += solid.cut.x
     moment -= cross(place, force)
     return -np.concatenate([force, moment], axis=2)
 

@@ -55,13 +55,16 @@ def tree(links: int) -> Mechanism:
             parent, _ = name, names.append(name)
         bodies.append(Body(f"t{k}", parent, xyz=(0.3, 0, 0), mass=0.1, inertia=(1e-5,) * 3))
     moves = ", ".join(f"{name}_joint: 0.3" for name in names)
-    return scene("tree", bodies, FLEXIBLE.format(moves=moves, segments=1))
+    motors = ", ".join(f"{name}_joint" for name in names)
+    yaml = FLEXIBLE.format(moves=moves, segments=1)
+    return scene("tree", bodies, yaml, (0, 0, -9.81), motors)
 
 
 def serial(segments: int) -> Mechanism:
     """One link of 1 m in segments, turned by a motor."""
     bodies = [Body("l", "base", "revolute"), Body("tip", "l", xyz=(1.0, 0, 0))]
-    return scene("serial", bodies, FLEXIBLE.format(moves="l_joint: 0.3", segments=segments))
+    yaml = FLEXIBLE.format(moves="l_joint: 0.3", segments=segments)
+    return scene("serial", bodies, yaml, (0, 0, -9.81), "l_joint")
 
 
 def best(call: Callable[[], object], repeats: int) -> float:

@@ -1,7 +1,8 @@
-"""Joints that close a loop and resist: `stiffness`, `damping` and `friction` of a loop, bushings.
+"""Joints that close a loop and resist (bushings, bearings that yield), and joints with clearance.
 
-A loop of this sort becomes joints of the tree with springs, on massless links behind its first
-frame, and a weld to the second: every level then has them as it has any elastic joint.
+A loop with `stiffness`, `damping` or `friction` becomes joints of the tree with springs, on links
+without mass behind its first frame, and a weld to the second: every level then has them as it has
+any elastic joint.
 
 A bushing of stiffness K (6, 6), forces by displacements of b in the axes of a, takes a joint for
 each column of A = L^-T, K = L diag(d) L' (Cholesky without roots), since A' K A = diag(d): three
@@ -18,7 +19,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from pinflex.description.loops import (
     ALONG,
     BUSHING,
     LOOP_KINDS,
+    PIN,
     RESIST,
     TURNED,
     LoopKind,
@@ -40,6 +41,7 @@ from pinflex.description.loops import (
 from pinflex.description.reading import schema
 from pinflex.description.robots.tree_text import hang, triple
 from pinflex.errors import DescriptionError
+from pinflex.rotations import axis_frame, zyx_matrix
 
 _ONE = ("revolute", "prismatic")  # kinds of one freedom, and types of a URDF
 _NAMES = ("x", "y", "z", "rx", "ry", "rz")
@@ -50,11 +52,11 @@ _SYMMETRIC, _NEGATIVE, _PITCH = 1e-9, 1e-12, 1e-12  # of the largest entry
 
 def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]:
     """The YAML and the robot with joints in place of loops that resist."""
-    loops = dict(block["loops"])
+    loops = dict(block.get("loops", {}))
     joints = schema.mapping(block.get("joints", {}), block.at("joints"))
     root = ET.fromstring(tree.text.strip())
     built = False
-    for name, spec in block["loops"].items():
+    for name, spec in list(loops.items()):
         if not isinstance(spec, dict) or not resists(spec):
             continue
         loop = schema.Block(spec, schema.at(block.at("loops"), name))
@@ -87,10 +89,7 @@ def yielding(block: schema.Block, tree: Source) -> tuple[dict[str, Any], Source]
                 built = True
             joints |= {joint.name: joint.extra for joint in chain if joint.extra}
     whole = {**block, "loops": loops, "joints": joints}
-    if not built:
-        return whole, tree
-    written = sources.read(ET.tostring(root, encoding="unicode"), tree.file, tree.package_dirs)
-    return whole, replace(written, notes=tree.notes)
+    return whole, sources.rewritten(root, tree) if built else tree
 
 
 class _Joint(NamedTuple):
@@ -283,3 +282,86 @@ def _behind(root: ET.Element, link: str, chain: list[_Joint], end: str) -> None:
         ET.SubElement(made, "limit", lower="-1e3", upper="1e3", effort="1e9", velocity="1e9")
         link, at = f"{joint.name}{_MADE}", joint.at
     hang(root, end, f"{end}_fixed", link, -at)
+
+
+# Joints of the tree with clearance: cut, and closed again as loops.
+#
+# `joints: {knee: {clearance: 50 um, pin: 5 mm}}` is short for a planar joint `knee`, across the
+# axis of the written one, and a loop `knee` of the kind planar between the frames `knee_hole`,
+# which its parent carries, and `knee_pin`, which it moves.
+
+_DROPPED = ("axis", "limit", "dynamics", "mimic", "safety_controller")
+
+
+def cut(block: Mapping[str, Any], tree: Source, file: str) -> tuple[dict[str, Any], Source]:
+    """The YAML's block and the robot with joints that have clearance as loops."""
+    joints, loops, home = (
+        schema.mapping(block.get(key, {}), f"{file}: {key}") for key in ("joints", "loops", "home")
+    )
+    root = None
+    loose = [k for k, x in joints.items() if isinstance(x, Mapping) and "clearance" in x]
+    for name in loose:
+        joint = schema.Block(joints[name], f"{file}: joints.{name}")
+        schema.known(name, joint.where, tree.joints, f"joint in {tree.file}")
+        _refuse_other_keys(name, joint, block, tree)
+        between = [f"{name}_hole", f"{name}_pin"]
+        loops[name] = {"kind": "planar", "between": between, **joints.pop(name)}
+        angle = home.get(name, 0.0)
+        if not isinstance(angle, list):
+            home[name] = [0.0, 0.0, angle]
+        if f"{name}_hole" not in tree.links:  # else: read again
+            root = ET.fromstring(tree.text) if root is None else root
+            _cut(root, name)
+    whole = {**block, "joints": joints, "loops": loops, "home": home}
+    return whole, tree if root is None else sources.rewritten(root, tree)
+
+
+def _refuse_other_keys(
+    name: str, joint: schema.Block, block: Mapping[str, Any], tree: Source
+) -> None:
+    """Refuse a joint that is no hinge, moves by itself, or says more."""
+    if tree.joints[name].type not in ("revolute", "continuous", "planar"):
+        raise joint.error(
+            "clearance",
+            f"{name} is {tree.joints[name].type}. Joints of the tree have clearance as hinges; "
+            "write others as loops.",
+        )
+    if name in (block.get("actuated") or ()):
+        raise joint.error(
+            "clearance",
+            f"a motor turns {name}. Leave it out of `actuated`, or give the clearance to a joint "
+            "beside it.",
+        )
+    for key in joint:
+        if key not in PIN:
+            raise joint.error(key, f"has no meaning beside clearance. Allowed: {', '.join(PIN)}.")
+    if name in (block.get("loops") or {}):
+        raise joint.error("clearance", f"a loop is called {name} too. Rename it.")
+
+
+def _cut(root: ET.Element, name: str) -> None:
+    """Let a planar joint, between two new links, take the place of a hinge."""
+    joint = next(x for x in root.findall("joint") if (x.get("name") or "").strip() == name)
+    origin, written = joint.find("origin"), joint.find("axis")
+    axis = _read(written, "xyz", (1.0, 0.0, 0.0))
+    turn = axis_frame(axis / np.linalg.norm(axis), None)
+    place, rotation = _read(origin, "xyz"), zyx_matrix(_read(origin, "rpy")[::-1])
+    parent, child = joint.find("parent"), joint.find("child")
+    assert parent is not None
+    assert child is not None
+    for tag in (*_DROPPED, "origin"):
+        for element in joint.findall(tag):
+            joint.remove(element)
+    joint.set("type", "planar")
+    ET.SubElement(joint, "axis", xyz="0 0 1")
+    hole, pin = f"{name}_hole", f"{name}_pin"
+    hang(root, hole, f"{hole}_joint", parent.get("link", ""), place, rotation @ turn)
+    ET.SubElement(root, "link", name=pin)
+    hang(root, child.get("link", ""), f"{name}_carries", pin, np.zeros(3), turn.T)
+    parent.set("link", hole)
+    child.set("link", pin)
+
+
+def _read(element: ET.Element | None, key: str, default: Any = (0.0, 0.0, 0.0)) -> Any:
+    words = None if element is None else element.get(key)
+    return np.array(default if words is None else [float(x) for x in words.split()], float)

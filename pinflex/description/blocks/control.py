@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,11 +68,7 @@ class DigitalPid:
         return np.asarray(self.kp * e + self.ki * self.integral + self.kd * (wanted - rate))
 
     def applied(self, asked: Array, given: Array) -> None:
-        """Integrate the error, but not further into a limit.
-
-        Args:
-            asked: Output with the feed-forward. given: What the limits left of it.
-        """
+        """Integrate the error, but not further into a limit, which left `given` of `asked`."""
         beyond = asked - given
         winding = beyond * self.ki * self._error > 0.0
         self.integral = self.integral + ~winding * (self.period * self._error)
@@ -97,12 +92,14 @@ def digital_pid(
         reference: Values the measures should have, or a function of time that gives them.
         rate: Rates of the reference by time.
     """
-    gains = [np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd)]
-    known = np.atleast_1d(np.asarray(0.0 if callable(reference) else reference, dtype=np.float64))
+    kp_, ki_, kd_, known = _alike(kp, ki, kd, 0.0 if callable(reference) else reference)
     follow = reference if callable(reference) else lambda t: known
-    size = np.broadcast_shapes(*(g.shape for g in gains), known.shape)
-    kp_, ki_, kd_ = (np.broadcast_to(g, size) for g in gains)
-    return DigitalPid(kp_, ki_, kd_, period, follow, rate, np.zeros(size))
+    return DigitalPid(kp_, ki_, kd_, period, follow, rate, np.zeros(len(known)))
+
+
+def _alike(*numbers: Any) -> list[Array]:
+    """Numbers, or one of each per measure, as arrays of one size."""
+    return list(np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, float)) for x in numbers)))
 
 
 @dataclass
@@ -127,11 +124,7 @@ class LinearLaw:
 def linear_law(
     system: Any, period: float, reference: Callable[[float], Array] | None = None
 ) -> LinearLaw:
-    """The law of a scipy or python-control system (state space, transfer function, zpk).
-
-    Raises:
-        DescriptionError: No system, or one of another sample time.
-    """
+    """The law of a scipy or python-control system (state space, transfer function, zpk)."""
     from scipy.signal import cont2discrete
 
     A, B, C, D, dt = _matrices(system)
@@ -149,7 +142,7 @@ def _matrices(system: Any) -> tuple[Array, Array, Array, Array, Any]:
     """A, B, C, D and the sample time (None, 0: continuous; True: not said) of a system."""
     found = system
     if hasattr(system, "to_ss"):  # scipy's transfer functions and zeros-poles-gain
-        found = system if hasattr(system, "A") else system.to_ss()
+        found = system.to_ss()
     elif hasattr(system, "num") and not hasattr(system, "A"):  # python-control's
         import control
 
@@ -340,10 +333,7 @@ def pid(
         kd: Gain of its rate [s].
         target: Value that the measure is to have.
     """
-    kp_, ki_, kd_, target_ = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (kp, ki, kd, target))
-    )
-    return Pid(kp_, ki_, kd_, target_)
+    return Pid(*_alike(kp, ki, kd, target))
 
 
 # The block `control` of a YAML file: {NAME: {measure, drive, ...}}, and `period`, `delay`.
@@ -467,12 +457,9 @@ def _control(
     )
 
 
-_limits = lru_cache(maxsize=4)(limits)  # every run of a digital controller asks for them
-
-
 def effort_limits(urdf: str, drives: Sequence[Voltage | Effort]) -> tuple[float, ...]:
     """Largest force of each drive that a URDF text allows its joint [N m | N]; inf where none."""
-    known = _limits(urdf)
+    known = limits(urdf)
     efforts = [known.get(d.joint, Limits()).effort if isinstance(d, Effort) else 0.0
                for d in drives]  # fmt: skip
     return tuple(x if x > 0.0 else np.inf for x in efforts)

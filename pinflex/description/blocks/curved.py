@@ -12,7 +12,6 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,8 @@ _PIECES = 16  # of an arc: of a quarter of a circle they leave 0.2 % of its defl
 _MOST = 200
 _SHORT = 1e-6  # of the whole length: two points that are one
 _FLAT = 1e-9  # of the square of the distances: three points on one line
+_ARC = dict.fromkeys(("through", "to"), schema.triple(schema.REQUIRED, "place"))
+_ARC["pieces"] = schema.whole(_PIECES, 2, _MOST)
 
 
 def straightened(
@@ -45,47 +46,37 @@ def straightened(
         if not _curved(spec):
             found[link] = spec
             continue
-        at = schema.at(where, link)
-        corners = _corners(spec, at)
-        _require_straight_keys(spec, at)
+        beam = schema.Block(spec, schema.at(where, link))
+        corners = _corners(beam)
+        beam.only(
+            _NOT_BESIDE,
+            "has no meaning for a beam along a curve, which has its own ends. Remove it.",
+        )
+        if beam.get("inertia", "beam") != "beam":
+            text = "has the inertia of its pieces, in place of the URDF's. Write inertia: beam."
+            raise beam.error("inertia", f"a beam along a curve {text}")
         names = [f"{link}_{k}" for k in range(1, len(corners))]
-        found |= _pieces(spec, names, f"{link}_end")
-        _rebuild(root, tree, link, [*names, f"{link}_end"], corners, at)
-    text = ET.tostring(root, encoding="unicode")
-    written = sources.read(text, tree.file, tree.package_dirs)
-    return {**block, "flexible": found}, replace(written, notes=tree.notes)
+        found |= _pieces(beam, names, f"{link}_end")
+        _rebuild(root, tree, link, [*names, f"{link}_end"], corners, beam.where)
+    return {**block, "flexible": found}, sources.rewritten(root, tree)
 
 
 def _curved(spec: object) -> bool:
     return isinstance(spec, dict) and any(spec.get(key) is not None for key in KEYS)
 
 
-def _require_straight_keys(spec: Mapping[str, Any], where: str) -> None:
-    for key in _NOT_BESIDE:
-        if spec.get(key) is not None:
-            raise DescriptionError(
-                f"{schema.at(where, key)}: has no meaning for a beam along a curve, which has its "
-                "own ends. Remove it."
-            )
-    if spec.get("inertia", "beam") != "beam":
-        raise DescriptionError(
-            f"{schema.at(where, 'inertia')}: a beam along a curve has the inertia of its pieces, "
-            "in place of the URDF's. Write inertia: beam."
-        )
-
-
-def _corners(spec: Mapping[str, Any], where: str) -> Array:
+def _corners(beam: schema.Block) -> Array:
     """Corners of the polygon in the link's frame [m], shape (n + 1, 3)."""
-    if len([key for key in KEYS if spec.get(key) is not None]) > 1:
-        raise DescriptionError(f"{where}: polyline and arc: one beam has one line. Remove one.")
-    if spec.get("polyline") is not None:
-        at = schema.at(where, "polyline")
-        items = schema.items(spec["polyline"], at)
+    key, *more = (key for key in KEYS if key in beam)
+    if more:
+        raise beam.error("", "polyline and arc: one beam has one line. Remove one.")
+    at = beam.at(key)
+    if key == "arc":
+        corners = _arc(beam["arc"], at)
+    else:
+        items = schema.items(beam["polyline"], at)
         points = [schema.vector(p, f"{at}[{k}]", of="place") for k, p in enumerate(items)]
         corners = np.array(points, float).reshape(-1, 3)
-    else:
-        at = schema.at(where, "arc")
-        corners = _arc(spec["arc"], at)
     sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     if not 1 <= len(sides) <= _MOST:
         raise DescriptionError(
@@ -99,12 +90,8 @@ def _corners(spec: Mapping[str, Any], where: str) -> Array:
 
 def _arc(spec: object, where: str) -> Array:
     """Corners on the circle from the link's origin through a point to another."""
-    keys = ("through", "to", "pieces")
-    block = schema.mapping(spec, where, keys, keys[:2])
-    b, c = (
-        np.array(schema.vector(block[key], schema.at(where, key), of="place")) for key in keys[:2]
-    )
-    n = schema.integer(block.get("pieces", _PIECES), schema.at(where, "pieces"), 2, _MOST)
+    block = schema.Block(spec, where, _ARC).read()
+    b, c, n = np.array(block["through"]), np.array(block["to"]), block.get("pieces", _PIECES)
     normal = np.cross(b, c)
     size = float(normal @ normal)
     if size <= _FLAT * float(b @ b) * float(c @ c) or np.allclose(b, c):
@@ -135,7 +122,7 @@ def _pieces(spec: Mapping[str, Any], names: Sequence[str], end: str) -> dict[str
         name: {**copy.deepcopy(common), "inertia": "beam", "end": after}
         for name, after in zip(names, [*names[1:], end], strict=True)
     }
-    if spec.get("tip") is not None:
+    if "tip" in spec:
         found[names[-1]]["tip"] = spec["tip"]
     return found
 

@@ -261,11 +261,7 @@ class Payload:
 
 
 def read_payload(value: object, where: str, urdf: Source) -> Payload | None:
-    """The block; None where it weighs nothing.
-
-    Raises:
-        DescriptionError: A payload that comes or goes on the way: masses are constant in a run.
-    """
+    """The block; None where it weighs nothing."""
     schema.Block(value, where).only(
         ("from", "until"),
         "a payload stays for the whole run, for the masses of a model are constant. Run the scene "

@@ -335,7 +335,12 @@ class FlexibleLink:
 
 
 SWITCHES = ("bending_y", "bending_z", "torsion", "axial")
-DAMPING = {"rayleigh": schema.bare(schema.LIST), "modal": schema.bare(schema.measure(None))}
+DAMPING = {
+    "rayleigh": schema.key(
+        None, lambda x, at: schema.numbers(x, at, 2, 0, "rate"), form=schema.LIST
+    ),
+    "modal": schema.real(None, low=0, high=1),
+}
 KEYS = schema.keys(
     FlexibleLink, "material", "section", "basis", "inertia", "as_built", "start", "end", "length",
     "up", *SWITCHES, "rotary_inertia", "second_order", "shear", "segments", "temperature", "root",
@@ -389,10 +394,23 @@ def from_spec(
     cut = section.from_spec(shape, block.at("section"))
     if "patches" in block:
         values["patches"] = read_patches(block["patches"], block.at("patches"), made.E, cut)
+    if values.get("shear") is True:
+        _require_shear(values.get("basis", Basis()), block)
     if "temperature" in block:
         _require_stretch(solid, values.get("axial"), made, block)
         values["axial"] = True
     return FlexibleLink(link, made, cut, **values)
+
+
+def _require_shear(basis: Basis, block: schema.Block) -> None:
+    """Only some bases have functions with shear."""
+    what = {"assumed": "assumed modes", "finite_element": f"{basis.order} elements"}
+    if what.get(basis.kind, "cubic elements") != "cubic elements":
+        raise block.error(
+            "shear",
+            f"{what[basis.kind]} have no shear. Use finite_element of order cubic, or "
+            "craig_bampton.",
+        )
 
 
 def _require_stretch(
@@ -431,13 +449,9 @@ def damping_scope(spec: object, where: str) -> tuple[object, str]:
 
 def damping_from_spec(spec: object, where: str) -> tuple[tuple[float, float], float]:
     """(rayleigh, modal) from {rayleigh: [alpha, beta]} or {modal: zeta}."""
-    block = schema.mapping(spec, where, ("rayleigh", "modal"))
+    block = schema.Block(spec, where, DAMPING)
     if len(block) != 1:
-        raise DescriptionError(
-            f"{where}: {schema.shown(spec)} is not one kind of damping. Write "
-            "{rayleigh: [alpha, beta]} or {modal: zeta}."
-        )
-    if "modal" in block:
-        return (0.0, 0.0), schema.number(block["modal"], schema.at(where, "modal"), 0, 1)
-    alpha, beta = schema.numbers(block["rayleigh"], schema.at(where, "rayleigh"), 2, 0, "rate")
-    return (alpha, beta), 0.0
+        text = "is not one kind of damping. Write {rayleigh: [alpha, beta]} or {modal: zeta}."
+        raise block.error("", f"{schema.shown(spec)} {text}")
+    found = block.read()
+    return found.get("rayleigh", (0.0, 0.0)), found.get("modal", 0.0)

@@ -451,17 +451,14 @@ def couplings(
     for joint in urdf.joints.values():
         extra = joints.get(joint.name)
         place = f"{schema.at(where, joint.name)}.follows"
+        law = None
         if extra is not None and extra.follows is not None:
-            leader, ratio, offset = extra.follows, extra.ratio, extra.offset
+            law = extra.follows, extra.ratio, extra.offset
         elif joint.mimic is not None and types[joint.name] in SINGLE:
-            leader, ratio, offset = joint.mimic
-            if leader not in urdf.joints:  # `check` says so; the joint moves by itself
-                continue
-        else:
-            continue
-        if not leader:  # follows: false
-            continue
-        found[joint.name] = _coupling(joint.name, (leader, ratio, offset), types, place)
+            law = joint.mimic
+        # Without a leader is `follows: false`; of one that is not there `check` tells.
+        if law is not None and law[0] in urdf.joints:
+            found[joint.name] = _coupling(joint.name, law, types, place)
     _refuse_rings(found, where)
     return tuple(found.values())
 

@@ -114,9 +114,14 @@ def spline_law(spline: Any, last: float, periodic: bool, t: Array) -> Kinematics
 _CONSTANTS = {"pi": np.pi}
 
 
-def _chain(f: Array, df: Array, ddf: Array, x: Array) -> Array:
+def _chain(x: Array, f: Array, df: Array, ddf: Array) -> Array:
     """f of a jet x, from f, f' and f'' at its value."""
     return np.array([f, df * x[1], ddf * x[1] ** 2 + df * x[2]])
+
+
+def _of(name: str, x: Array) -> Array:
+    """A function of a jet."""
+    return _chain(x, *_FUNCTIONS[name](x[0]))
 
 
 def _times(x: Array, y: Array) -> Array:
@@ -125,54 +130,28 @@ def _times(x: Array, y: Array) -> Array:
 
 
 def _over(x: Array, y: Array) -> Array:
-    return _times(x, _chain(1.0 / y[0], -1.0 / y[0] ** 2, 2.0 / y[0] ** 3, y))
+    return _times(x, _chain(y, 1.0 / y[0], -1.0 / y[0] ** 2, 2.0 / y[0] ** 3))
 
 
 def _power(x: Array, y: Array) -> Array:
     if np.any(y[1:]) or np.ptp(y[0]):
-        return _exp(_times(y, _log(x)))
+        return _of("exp", _times(y, _of("log", x)))
     n = float(y[0].flat[0])
     if n in (0.0, 1.0):  # their derivatives must not divide by zero
         return x if n else np.array([np.ones_like(x[0]), 0.0 * x[0], 0.0 * x[0]])
     ddf = 2.0 * np.ones_like(x[0]) if n == 2.0 else n * (n - 1.0) * x[0] ** (n - 2.0)
-    return _chain(x[0] ** n, n * x[0] ** (n - 1.0), ddf, x)
+    return _chain(x, x[0] ** n, n * x[0] ** (n - 1.0), ddf)
 
 
-def _sin(x: Array) -> Array:
-    return _chain(np.sin(x[0]), np.cos(x[0]), -np.sin(x[0]), x)
-
-
-def _cos(x: Array) -> Array:
-    return _chain(np.cos(x[0]), -np.sin(x[0]), -np.cos(x[0]), x)
-
-
-def _atan(x: Array) -> Array:
-    slope = 1.0 / (1.0 + x[0] ** 2)
-    return _chain(np.arctan(x[0]), slope, -2.0 * x[0] * slope**2, x)
-
-
-def _exp(x: Array) -> Array:
-    f = np.exp(x[0])
-    return _chain(f, f, f, x)
-
-
-def _log(x: Array) -> Array:
-    return _chain(np.log(x[0]), 1.0 / x[0], -1.0 / x[0] ** 2, x)
-
-
-def _sqrt(x: Array) -> Array:
-    f = np.sqrt(x[0])
-    return _chain(f, 0.5 / f, -0.25 / f**3, x)
-
-
-_FUNCTIONS: Mapping[str, Callable[[Array], Array]] = {
-    "sin": _sin,
-    "cos": _cos,
-    "tan": lambda x: _over(_sin(x), _cos(x)),
-    "atan": _atan,
-    "exp": _exp,
-    "log": _log,
-    "sqrt": _sqrt,
+# Value, first and second derivative of each function of one number.
+_FUNCTIONS: Mapping[str, Callable[[Array], tuple[Array, Array, Array]]] = {
+    "sin": lambda x: (np.sin(x), np.cos(x), -np.sin(x)),
+    "cos": lambda x: (np.cos(x), -np.sin(x), -np.cos(x)),
+    "tan": lambda x: (np.tan(x), 1.0 / np.cos(x) ** 2, 2.0 * np.tan(x) / np.cos(x) ** 2),
+    "atan": lambda x: (np.arctan(x), 1.0 / (1.0 + x**2), -2.0 * x / (1.0 + x**2) ** 2),
+    "exp": lambda x: (np.exp(x), np.exp(x), np.exp(x)),
+    "log": lambda x: (np.log(x), 1.0 / x, -1.0 / x**2),
+    "sqrt": lambda x: (np.sqrt(x), 0.5 / np.sqrt(x), -0.25 / np.sqrt(x) ** 3),
 }
 _OPERATORS: Mapping[type, Callable[[Array, Array], Array]] = {
     ast.Add: operator.add,
@@ -226,7 +205,7 @@ def _jet(node: ast.expr, t: Array) -> Array:
     if isinstance(node, ast.UnaryOp):
         return _jet(node.operand, t) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        return _FUNCTIONS[node.func.id](_jet(node.args[0], t))
+        return _of(node.func.id, _jet(node.args[0], t))
     if isinstance(node, ast.Name) and node.id == "t":
         return t
     jet = np.zeros_like(t)

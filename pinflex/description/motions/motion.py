@@ -140,7 +140,8 @@ def trapezoid(
         why = f"two ramps of {ramp:g} s do not fit into {end:g} s"
         raise keys.bad("trapezoid.ramp", f"{why}. Give more than 0 and at most {most:g} s.")
     shape = partial(laws.trapezoid, ramp / end)
-    return of_moves("trapezoid", moves, partial(laws.move, shape, moves[2], end), n)
+    law = partial(laws.move, shape, moves[2], end)
+    return of_moves("trapezoid", moves, law, n, (ramp, end - ramp))
 
 
 @public
@@ -166,9 +167,8 @@ def harmonic(
     n = keys.options("harmonic", "duration", **given, smooth=smooth, duration=duration)
     n.setdefault("duration", n["smooth"] + 1.0 / n["frequency"])
     omega = 2.0 * np.pi * n["frequency"]
-    return of_moves(
-        "harmonic", moves, partial(laws.harmonic, moves[2], omega, n["phase"], n["smooth"]), n
-    )
+    law = partial(laws.harmonic, moves[2], omega, n["phase"], n["smooth"])
+    return of_moves("harmonic", moves, law, n, (n["smooth"],))
 
 
 @public
@@ -215,7 +215,8 @@ def circle(
     law = partial(laws.circle, rest, z0, direction * n["omega"], n["ramp"])
     spec = {"kind": "circle", "center": at, "plane": list(axes), "direction": direction}
     spec |= {"fixed": held, **n}
-    return Motion("circle", "platform", (*axes, *held), n["duration"], law, True, spec)
+    names = (*axes, *held)
+    return Motion("circle", "platform", names, n["duration"], law, True, spec, (n["ramp"],))
 
 
 @public

@@ -122,11 +122,7 @@ def read(value: object, where: str) -> ShaperSpec | None:
 def shaper(
     kind: str, frequencies: Sequence[float] | float, damping: Sequence[float] | float = 0.0
 ) -> Shaper:
-    """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-].
-
-    Raises:
-        DescriptionError: An unknown kind, a frequency or damping that makes no sense.
-    """
+    """The shaper that cancels vibrations at the frequencies [Hz] with a damping ratio [-]."""
     if kind not in KINDS:
         raise DescriptionError(f"shaper: {kind}.{nearest(kind, KINDS)}")
     every = np.atleast_1d(np.asarray(frequencies, float))
@@ -198,10 +194,9 @@ def shaped(
 
 
 def _convolved(motion: Motion, made: Shaper, t: Array) -> Kinematics:
-    total = [np.zeros((len(t), len(motion.names))) for _ in range(3)]
+    total = np.zeros((3, len(t), len(motion.names)))
     for late, share in zip(made.times, made.shares, strict=True):
-        for sum_, part in zip(total, motion.evaluate(t - late), strict=True):
-            sum_ += share * part
+        total += share * np.array(motion.evaluate(t - late))
     return total[0], total[1], total[2]
 
 
@@ -232,11 +227,7 @@ class Motion:
     @property
     def switches(self) -> tuple[float, ...]:
         """Times above 0 s at which a piece of the motion ends."""
-        spec, end = self.spec, self.duration
-        times = {end, float(spec.get("smooth", 0.0)), float(spec.get("ramp", 0.0)), *self.corners}
-        if self.kind == "trapezoid" and "ramp" in spec:  # else its corners say it
-            times.add(end - float(spec["ramp"]))
-        return tuple(sorted(time for time in times if time > 0.0))
+        return tuple(sorted(time for time in {*self.corners, self.duration} if time > 0.0))
 
     def evaluate(self, t: Array) -> Kinematics:
         """Position, velocity, acceleration at times t [s], shape (nt,); at rest before t = 0.
@@ -339,11 +330,13 @@ class Motion:
         return shaped(self, kind, modes, damping)
 
 
-def of_moves(kind: str, moves: Any, law: Any, n: dict[str, float]) -> Motion:
+def of_moves(
+    kind: str, moves: Any, law: Any, n: dict[str, float], corners: tuple[float, ...] = ()
+) -> Motion:
     """A motion of target, displacements by name and as an array, along a law with numbers n."""
     target, by_name, _ = moves
     spec = {"kind": kind} | ({target: by_name} if by_name else {}) | n
-    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec)
+    return Motion(kind, target, tuple(by_name), n["duration"], law, False, spec, corners)
 
 
 # Motions of several moves, each with a start of its own: a path with rounded corners.
@@ -460,9 +453,7 @@ def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
 
 
 def _sum(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
-    total = [np.zeros((len(t), delta.shape[1])) for _ in range(3)]
+    total = np.zeros((3, len(t), delta.shape[1]))
     for one, begin, time in zip(delta, start, duration, strict=True):
-        moved = laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))
-        for sum_, part in zip(total, moved, strict=True):
-            sum_ += part
+        total += laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))
     return total[0], total[1], total[2]

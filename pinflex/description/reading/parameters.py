@@ -55,14 +55,8 @@ def parameters(
 ) -> tuple[Description, tuple[Parameter, ...]]:
     """The numbers that key paths name; each glob gives one parameter per block of the YAML.
 
-    Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant.
-
-    Returns:
-        The description with named materials written out, so that their numbers can be changed; and
-        the parameters.
-
-    Raises:
-        DescriptionError: No such key, or none that is a number.
+    Links that the YAML writes in one block ("arm_?") stay one parameter, as their author meant. The
+    description that comes back has named materials written out, so that their numbers can change.
     """
     if isinstance(patterns, str):
         patterns = (patterns,)
@@ -71,60 +65,58 @@ def parameters(
     named_materials, found = list[str](), dict[str, Parameter]()
     for pattern in patterns:
         segments = [part.strip() for part in str(pattern).split(".")]
-        matches = [(*at, _si(x)) for *at, x in _matches(raw, segments, groups)]
-        numbers = [match for match in matches if isinstance(match[2], (int, float))
-                   and not isinstance(match[2], bool)]  # fmt: skip
+        numbers = [
+            (path, links, value)
+            for path, links, value in _matches(raw, segments, groups)
+            if len(path) == len(segments)
+            and isinstance(value, (int, float)) and not isinstance(value, bool)
+        ]  # fmt: skip
         if not numbers:
             raise _no_number(description.name, str(pattern), raw, segments, groups)
-        for key, paths, value in numbers:
+        for path, links, value in numbers:
+            key, rest = ".".join(path), path[2:]
+            paths = tuple(".".join(("flexible", link, *rest)) for link in links) or (key,)
             found[key] = Parameter(key, float(value), paths)
-            if len(segments) == 4 and segments[0] == "flexible" and segments[2] == "material":
-                named_materials += _written_out(raw, paths, groups)
+            if links and len(path) == 4 and path[2] == "material":
+                named_materials += _written_out(raw, links, groups)
     return description.with_overrides(named_materials), tuple(found.values())
 
 
-Match = tuple[str, tuple[str, ...], Any]  # key as shown, key paths, value
+Match = tuple[tuple[str, ...], Sequence[str], Any]  # path as shown, flexible links, value
 
 
 def _matches(
     raw: Mapping[str, Any], segments: Sequence[str], groups: Mapping[str, Sequence[str]]
 ) -> Iterator[Match]:
-    if segments[0] != "flexible" or len(segments) < 2:
-        yield from _within(raw, segments, "", ("",))
-        return
-    for group, links in groups.items():
-        wanted = [one.strip() for one in segments[1].split(",")]  # a part of a block is a list
-        some = [x for x in links if any(fnmatchcase(x, one) for one in wanted)]
-        chosen = list(links) if segments[1] == group else some
-        if not chosen:
-            continue
-        name = group if len(chosen) == len(links) else ", ".join(chosen)
-        block = (raw.get("flexible") or {})[group]
-        yield from _within(
-            block, segments[2:], f"flexible.{name}", tuple(f"flexible.{x}" for x in chosen)
-        )
+    """The values whose paths begin as a pattern says; of flexible links those that it names."""
+    for path, value in _leaves(raw):
+        links: Sequence[str] = ()
+        if path[0] == "flexible" and len(path) > 1:
+            group, *rest = path[1:]
+            every = links = groups[group]
+            if len(segments) > 1 and segments[1] != group:  # a part of a block is a list
+                wanted = [one.strip() for one in segments[1].split(",")]
+                links = [x for x in every if any(fnmatchcase(x, one) for one in wanted)]
+                if not links:
+                    continue
+            name = group if len(links) == len(every) else ", ".join(links)
+            path = "flexible", name, *rest
+            steps = zip((path[0], *rest), (segments[0], *segments[2:]), strict=False)
+        else:
+            steps = zip(path, segments, strict=False)
+        if len(path) >= len(segments) and all(fnmatchcase(*both) for both in steps):
+            yield path, links, value
 
 
-def _within(
-    block: Any, segments: Sequence[str], key: str, paths: tuple[str, ...]
-) -> Iterator[Match]:
-    """The values below a block, with the key and the paths that lead to it."""
-    if not segments:
-        yield key, paths, block
-        return
-    first, rest = segments[0], segments[1:]
-    if not rest and key.endswith(".material"):
+def _leaves(block: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every value below a block, with the path that leads to it."""
+    if path[-1:] == ("material",):
         block = _numbers(block)
-    if isinstance(block, list):
-        items: Iterable[tuple[Any, Any]] = enumerate(block)
-    else:
-        items = block.items() if isinstance(block, dict) else ()
-    for name, value in items:
-        if fnmatchcase(str(name), first):
-            yield from _within(
-                value, rest, f"{key}.{name}" if key else str(name),
-                tuple(f"{path}.{name}" if path else str(name) for path in paths),
-            )  # fmt: skip
+    if not block or not isinstance(block, dict | list):
+        yield path, _si(block)
+        return
+    for name, value in enumerate(block) if isinstance(block, list) else block.items():
+        yield from _leaves(value, (*path, str(name)))
 
 
 def _si(value: Any) -> Any:
@@ -149,11 +141,10 @@ def _numbers(material: Any) -> Any:
 
 
 def _written_out(
-    raw: Mapping[str, Any], paths: Sequence[str], groups: Mapping[str, Sequence[str]]
+    raw: Mapping[str, Any], links: Sequence[str], groups: Mapping[str, Sequence[str]]
 ) -> list[str]:
     """Overrides that turn named materials into blocks, of which one number can be changed."""
     written = {link: group for group, links in groups.items() for link in links}
-    links = [path.split(".")[1] for path in paths]
     materials = {link: raw["flexible"][written[link]].get("material") for link in links}
     return [
         f"flexible.{link}.material={{like: {material}}}"
@@ -167,9 +158,8 @@ def _no_number(
 ) -> DescriptionError:
     """The error of a pattern without a number: what there is one level up."""
     for depth in range(len(segments) - 1, 0, -1):
-        above = [value for _, _, value in _matches(raw, segments[:depth], groups)]
-        keys = sorted({str(k) for block in above if isinstance(block, dict) for k in block})
-        if keys:
+        paths = [path for path, *_ in _matches(raw, segments[:depth], groups)]
+        if keys := sorted({path[depth] for path in paths if len(path) > depth}):
             return DescriptionError(
                 f'{name}: {pattern}: no number there: nothing matches "{segments[depth]}".'
                 f"{nearest(segments[depth], keys)} A parameter is a number that the YAML writes."

@@ -12,7 +12,7 @@ import yaml
 from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 
-# How much a YAML may become: counted on its nodes, before anything is built of them.
+# What a YAML may be: looked at on its nodes, before anything is built of them.
 #
 # A name `*a` stands for all of `&a`, and `<<: [*a, *a]` copies its keys, so that a kilobyte may
 # mean more values than any memory holds.
@@ -22,8 +22,8 @@ MOST_VALUES = 500_000  # of a description with all its aliases written out
 _MERGE = "tag:yaml.org,2002:merge"
 
 
-def refuse_endless(root: Any, file: str) -> None:
-    """Raise where a YAML written out has too many values, or contains itself."""
+def _look_through(root: Any, file: str) -> None:
+    """Raise at doubled keys, of which one would be lost, and at blocks that have no end."""
     size: dict[int, int] = {}
     keys: dict[int, int] = {}  # pairs of a mapping once its merges are in it
     open_: set[int] = set()
@@ -35,7 +35,8 @@ def refuse_endless(root: Any, file: str) -> None:
         below = _below(node)
         if not ready:
             if id(node) in open_:
-                _refuse(node, file, "contains itself")
+                raise _endless(node, file, "contains itself")
+            _refuse_doubled_keys(node, file)
             open_.add(id(node))
             pending.append((node, True))
             pending += [(child, False) for child in below if id(child) not in size]
@@ -47,7 +48,8 @@ def refuse_endless(root: Any, file: str) -> None:
             )
         size[id(node)] = 1 + keys.get(id(node), 0) + sum(size[id(child)] for child in below)
         if size[id(node)] > MOST_VALUES:
-            _refuse(node, file, f"has more than {MOST_VALUES} values, its aliases written out")
+            what = f"has more than {MOST_VALUES} values, its aliases written out"
+            raise _endless(node, file, what)
 
 
 def _below(node: Any) -> list[Any]:
@@ -63,9 +65,9 @@ def _merged(node: Any, keys: dict[int, int]) -> int:
     return keys.get(id(node), 0)
 
 
-def _refuse(node: Any, file: str, what: str) -> None:
+def _endless(node: Any, file: str, what: str) -> DescriptionError:
     line = node.start_mark.line + 1
-    raise DescriptionError(
+    return DescriptionError(
         f"{file}, line {line}: the block {what}. Write what is meant without so many aliases.",
         line=line,
     )
@@ -162,39 +164,25 @@ def _loaded(kind: Any, text: str, file: str) -> Any:
         node = loader.get_single_node()
         if node is None:
             return None
-        _refuse_doubled_keys(node, file)
-        if "*" in text or 2 * len(text) > MOST_VALUES:  # a value takes a character and its end
-            refuse_endless(node, file)
+        _look_through(node, file)
         return loader.construct_document(node)
     finally:
         loader.dispose()
 
 
-def _refuse_doubled_keys(root: Any, file: str) -> None:
-    pending, done = [root], set()
-    while pending:
-        node = pending.pop()
-        if id(node) in done:
-            continue
-        done.add(id(node))
-        if isinstance(node, yaml.SequenceNode):
-            pending.extend(node.value)
-        if not isinstance(node, yaml.MappingNode):
-            continue
-        lines: dict[str, int] = {}
-        for key, value in node.value:
-            pending.extend((key, value))
-            if not isinstance(key, yaml.ScalarNode):
-                continue
-            line = key.start_mark.line + 1
-            if key.value in lines:
-                both = " Write both as <<: [*a, *b]." if key.tag == _MERGE else ""
-                raise DescriptionError(
-                    f'{file}, line {line}: duplicate key "{key.value}", first on line '
-                    f"{lines[key.value]} of the same block. Keep one of the two.{both}",
-                    line=line,
-                )
-            lines[key.value] = line
+def _refuse_doubled_keys(node: Any, file: str) -> None:
+    lines: dict[str, int] = {}
+    keys = (key for key, _ in node.value) if isinstance(node, yaml.MappingNode) else ()
+    for key in (key for key in keys if isinstance(key, yaml.ScalarNode)):
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            both = " Write both as <<: [*a, *b]." if key.tag == _MERGE else ""
+            raise DescriptionError(
+                f'{file}, line {line}: duplicate key "{key.value}", first on line '
+                f"{lines[key.value]} of the same block. Keep one of the two.{both}",
+                line=line,
+            )
+        lines[key.value] = line
 
 
 _DECIMAL = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")

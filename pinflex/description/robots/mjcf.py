@@ -8,7 +8,7 @@ Source: MuJoCo documentation, XML reference and mjModel.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,21 +19,22 @@ from pinflex.arrays import Array, BoolArray
 from pinflex.description.files import Source
 from pinflex.description.robots import urdf
 from pinflex.description.robots.mjcf_model import BALL, FREE, HINGE, Robot, compiled
-from pinflex.description.robots.tree_text import Inertia, Joint, Visual, inverse, pose
+from pinflex.description.robots.tree_text import Inertia, Joint, Visual, inverse, pose, triple
 from pinflex.errors import DescriptionError
 
 # What of an MJCF is not taken over: a line for each kind, those that move most first.
 
 _LINES = 10
 _NAMES = 4  # of one kind are written out
-_Kind = tuple[str, Iterable[str]]  # a sentence in which {} stands for names, and the names
+_Kinds = dict[str, list[str]]  # sentences in which {} stands for names, and the names
 
 
 def left_out(robot: Robot) -> tuple[str, ...]:
     """Sentences, at most ten: what would be more shares the last one."""
-    kinds = [*_bodies(robot), *_tendons(robot), *_of_joints(robot), *robot.refused.items()]
-    named = [(what, list(dict.fromkeys(names))) for what, names in [*kinds, *_quiet(robot)]]
-    lines = [what.replace("{}", _listed(names)) for what, names in named if names]
+    kinds = {**_bodies(robot), **_tendons(robot), **_of_joints(robot)}
+    named = {what: list(dict.fromkeys(names))
+             for what, names in {**kinds, **robot.refused, **_quiet(robot)}.items()}  # fmt: skip
+    lines = [what.replace("{}", _listed(names)) for what, names in named.items() if names]
     if len(lines) > _LINES:
         lines[_LINES - 1 :] = ["; ".join(lines[_LINES - 1 :])]
     return tuple(f"{robot.file}: not taken over: {line}." for line in lines)
@@ -55,18 +56,18 @@ def _set(model: Any, *keys: str) -> BoolArray:
     return np.asarray(np.any([a.any(axis=tuple(range(1, a.ndim))) for a in arrays], axis=0))
 
 
-def _bodies(robot: Robot) -> Iterator[_Kind]:
+def _bodies(robot: Robot) -> _Kinds:
     """What acts on bodies by itself."""
     model = robot.model
-    yield "the deformable bodies {}", _of(robot, "flexes", range(model.nflex))
-    yield "the plugins {}", _of(robot, "plugins", range(model.nplugin))
-    yield (
-        "the fluid around the bodies ({} of <option>)",
-        [key for key in ("density", "viscosity") if getattr(model.opt, key)],
-    )
+    fluid = [key for key in ("density", "viscosity") if getattr(model.opt, key)]
+    return {
+        "the deformable bodies {}": _of(robot, "flexes", range(model.nflex)),
+        "the plugins {}": _of(robot, "plugins", range(model.nplugin)),
+        "the fluid around the bodies ({} of <option>)": fluid,
+    }
 
 
-def _tendons(robot: Robot) -> Iterator[_Kind]:
+def _tendons(robot: Robot) -> _Kinds:
     model = robot.model
     acts = _set(model, "tendon_armature", "tendon_frictionloss")
     if robot.enabled("SPRING"):
@@ -74,72 +75,68 @@ def _tendons(robot: Robot) -> Iterator[_Kind]:
     if robot.enabled("DAMPER"):
         acts |= _set(model, "tendon_damping", "tendon_dampingpoly")
     acts = acts & (model.ntendon > 0)
-    yield (
-        "springs, dampers, masses and friction of the tendons {}",
-        _of(robot, "tendons", np.flatnonzero(acts)),
-    )
-    yield "the tendons {}", _of(robot, "tendons", np.flatnonzero(~acts))
-    heavy, bent = (
-        _set(model, "actuator_armature", "actuator_damping"),
-        _set(model, "actuator_dampingpoly"),
-    )
+    heavy = _set(model, "actuator_armature", "actuator_damping")
     heavy[[a for a, _ in robot.drives]] = False
-    names = _of(robot, "actuators", np.flatnonzero(heavy | bent))
-    yield "armature and damping, or polynomials of it, of the actuators {}", names
+    heavy |= _set(model, "actuator_dampingpoly")
+    pulling, still = (_of(robot, "tendons", np.flatnonzero(which)) for which in (acts, ~acts))
+    return {
+        "springs, dampers, masses and friction of the tendons {}": pulling,
+        "the tendons {}": still,
+        "armature and damping, or polynomials of it, of the actuators {}": _of(
+            robot, "actuators", np.flatnonzero(heavy)
+        ),
+    }
 
 
-def _of_joints(robot: Robot) -> Iterator[_Kind]:
+def _of_joints(robot: Robot) -> _Kinds:
     """What of a joint no key says."""
-    model, names, kind = robot.model, robot.joints, robot.model.jnt_type
+    model, kind, rows = robot.model, robot.model.jnt_type, robot.model.jnt_dofadr
     several, free = kind <= BALL, kind == FREE
-    springs = _set(model, "jnt_stiffness", "jnt_stiffnesspoly") & several & robot.enabled("SPRING")
-    yield "springs of the joints {}, which have several freedoms", _at(names, springs)
-    rows = model.jnt_dofadr
-    damped = _set(model, "dof_damping")[rows] & free & robot.enabled("DAMPER")
-    yield "dampers of the free joints {}", _at(names, damped)
-    yield "armature of the free joints {}", _at(names, _set(model, "dof_armature")[rows] & free)
-    rubs = _set(model, "dof_frictionloss")[rows] & several
-    yield "frictionloss of the joints {}, which have several freedoms", _at(names, rubs)
-    curved = _set(model, "jnt_stiffnesspoly") & ~several & robot.enabled("SPRING")
-    bent = _set(model, "dof_dampingpoly")[rows] & robot.enabled("DAMPER")
-    yield (
-        "polynomials of stiffness or damping of the joints {} beyond their first numbers",
-        _at(names, curved | bent),
-    )
-    if hasattr(model, "jnt_springyield"):  # since MuJoCo 4
-        yield "that springs of the joints {} yield", _at(names, _set(model, "jnt_springyield"))
+    sprung, damped = robot.enabled("SPRING"), robot.enabled("DAMPER")
+    springs = _set(model, "jnt_stiffness", "jnt_stiffnesspoly") & several & sprung
+    curved = _set(model, "jnt_stiffnesspoly") & ~several & sprung
+    bent = _set(model, "dof_dampingpoly")[rows] & damped
     carried = model.jnt_actgravcomp.astype(bool) & bool(model.body_gravcomp.any())
-    yield "that the motors of {} carry gravcomp, which acts beside them here", _at(names, carried)
-    yield "the range of the joints {}", _at(names, model.jnt_limited.astype(bool) & several)
+    found = {
+        "springs of the joints {}, which have several freedoms": springs,
+        "dampers of the free joints {}": _set(model, "dof_damping")[rows] & free & damped,
+        "armature of the free joints {}": _set(model, "dof_armature")[rows] & free,
+        "frictionloss of the joints {}, which have several freedoms":
+            _set(model, "dof_frictionloss")[rows] & several,
+        "polynomials of stiffness or damping of the joints {} beyond their first numbers":
+            curved | bent,
+        # since MuJoCo 4
+        "that springs of the joints {} yield":
+            _set(model, "jnt_springyield") if hasattr(model, "jnt_springyield") else free & False,
+        "that the motors of {} carry gravcomp, which acts beside them here": carried,
+        "the range of the joints {}": model.jnt_limited.astype(bool) & several,
+    }  # fmt: skip
+    return {
+        what: [name for name, one in zip(robot.joints, which, strict=True) if one]
+        for what, which in found.items()
+    }
 
 
-def _at(names: list[str], which: BoolArray) -> list[str]:
-    return [name for name, one in zip(names, which, strict=True) if one]
-
-
-def _quiet(robot: Robot) -> Iterator[_Kind]:
+def _quiet(robot: Robot) -> _Kinds:
     """What says nothing about the mechanism itself."""
     model = robot.model
     named = _of(robot, "actuators", range(model.nu))
-    yield (
-        "the gears of {}: torques are those at the joints",
-        [named[a] for a, _ in robot.drives if model.actuator_gear[a, 0] != 1],
-    )
+    geared = [named[a] for a, _ in robot.drives if model.actuator_gear[a, 0] != 1]
     law = _set(model, "actuator_dyntype", "actuator_gaintype", "actuator_biastype")
     law |= np.asarray(model.actuator_gainprm[:, 0] != 1)
-    yield (
-        "the control laws of {}: motors follow the motion",
-        [named[a] for a in np.flatnonzero(law)],
-    )
-    if robot.loops or any(carrier.mimic for _, carrier in robot.tree.carriers.values()):
-        yield "{} of equalities: they hold exactly", ["solref", "solimp"]
-    if model.geom_contype.any() or model.geom_conaffinity.any() or model.npair:
-        yield "{}: geoms do not touch each other here", ["contacts"]
+    held = robot.loops or any(carrier.mimic for _, carrier in robot.tree.carriers.values())
+    touch = model.geom_contype.any() or model.geom_conaffinity.any() or model.npair
     parts = {
         "sensors": model.nsensor, "keyframes": model.nkey,
         "shapes of the world": model.body_geomnum[0],
     }  # fmt: skip
-    yield "{}", [name for name, count in parts.items() if count]
+    return {
+        "the gears of {}: torques are those at the joints": geared,
+        "the control laws of {}: motors follow the motion": [named[a] for a in np.flatnonzero(law)],
+        "{} of equalities: they hold exactly": ["solref", "solimp"] if held else [],
+        "{}: geoms do not touch each other here": ["contacts"] if touch else [],
+        "{}": [name for name, count in parts.items() if count],
+    }
 
 
 _TYPES = ("floating", "fixed", "prismatic", "continuous")
@@ -232,7 +229,7 @@ def _shape(robot: Robot, g: int) -> Visual | None:
     matrix = pose(robot.drawn.geom_xmat[g].reshape(3, 3), robot.drawn.geom_xpos[g])
     kind, size = int(model.geom_type[g]), [float(x) for x in model.geom_size[g]]
     if kind == code("Geom.BOX"):
-        return Visual("box", matrix, {"size": " ".join(repr(2 * x) for x in size)})
+        return Visual("box", matrix, {"size": triple(2 * x for x in size)})
     if kind in (code("Geom.CAPSULE"), code("Geom.CYLINDER")):
         length = 2 * (size[1] + (size[0] if kind == code("Geom.CAPSULE") else 0.0))
         return Visual("cylinder", matrix, {"radius": repr(size[0]), "length": repr(length)})
@@ -245,7 +242,7 @@ def _shape(robot: Robot, g: int) -> Visual | None:
     # MuJoCo moves a mesh to its principal axes
     own = pose(_turned(robot, model.mesh_quat[mesh]), model.mesh_pos[mesh])
     file = model.paths[model.mesh_pathadr[mesh] :].split(b"\0")[0].decode()
-    scale = " ".join(repr(float(x)) for x in model.mesh_scale[mesh])
+    scale = triple(model.mesh_scale[mesh])
     return Visual("mesh", matrix @ inverse(own), {"filename": file, "scale": scale})
 
 

@@ -25,7 +25,6 @@ from pinflex.description.robots.tree_text import (
     Joint,
     Tree,
     Visual,
-    from_rpy,
     known,
     numbers,
     parse,
@@ -33,6 +32,7 @@ from pinflex.description.robots.tree_text import (
     unused,
 )
 from pinflex.errors import DescriptionError
+from pinflex.rotations import zyx_matrix
 
 _HUGE = 1e15  # a limit as large is none
 
@@ -87,7 +87,7 @@ def pose_of(element: Element | None) -> tuple[str, Array]:
     values = numbers(found.text, found, "x y z roll pitch yaw", 6)
     frame = found.get("relative_to") or found.get("frame") or ""
     angles = np.radians(values[3:]) if found.get("degrees") == "true" else values[3:]
-    return frame, pose(from_rpy(angles), values[:3])
+    return frame, pose(zyx_matrix(angles[::-1]), values[:3])
 
 
 def poses(model: Element) -> dict[str, Array]:
@@ -118,8 +118,7 @@ def poses(model: Element) -> dict[str, Array]:
 
 def axis_of(reading: Reading, joint: Element, name: str, tag: str = "axis") -> Array:
     """Unit axis of a joint in the model's frame."""
-    element = joint.child(tag)
-    xyz = None if element is None else element.child("xyz")
+    element, xyz = joint.child(tag), joint.child(f"{tag}/xyz")
     vector = np.array([0.0, 0.0, 1.0]) if xyz is None else numbers(xyz.text, xyz, tag, 3)
     size = float(np.linalg.norm(vector))
     if size < 1e-9:
@@ -134,8 +133,7 @@ def axis_of(reading: Reading, joint: Element, name: str, tag: str = "axis") -> A
 
 def limits_of(joint: Element) -> tuple[tuple[float, float] | None, float]:
     """Lower and upper position [rad | m], if there are any, and largest effort [N m | N]."""
-    axis = joint.child("axis")
-    limit = None if axis is None else axis.child("limit")
+    limit = joint.child("axis/limit")
     if limit is None:
         return None, 0.0
     lower, upper, effort = (
@@ -148,16 +146,14 @@ def limits_of(joint: Element) -> tuple[tuple[float, float] | None, float]:
 
 def dynamics(joint: Element) -> dict[str, float]:
     """Damping, friction and spring of a joint."""
-    axis = joint.child("axis")
-    given = None if axis is None else axis.child("dynamics")
+    given = joint.child("axis/dynamics")
     keys = ("damping", "friction", "spring_stiffness", "spring_reference")
     return {} if given is None else {key: value_of(given, key) for key in keys}
 
 
 def visual(element: Element) -> Visual | None:
     """What a <visual> looks like; None for a shape that is not drawn."""
-    geometry = element.child("geometry")
-    shape = None if geometry is None else next(geometry.all(), None)
+    shape = element.child("geometry/*")
     if shape is None:
         return None
     _, matrix = pose_of(element)
@@ -419,7 +415,7 @@ def _notes(reading: Reading, model: Element) -> None:
         assert isinstance(element, Element)
         if element.tag in _TAKEN:
             reading.notes += unused(element, _TAKEN[element.tag], children=True)
-    hit = next((e for link in model.all("link") for e in link.all("collision")), None)
+    hit = model.child("link/collision")
     if hit is not None:
         reading.notes.append(f"{hit.place}: <collision> is not taken over, here and below.")
     if model.child("pose") is not None:

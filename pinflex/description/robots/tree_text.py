@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from xml.parsers import expat
 
@@ -48,18 +48,6 @@ def rpy(rotation: Array) -> Array:
     return np.array([np.arctan2(-left[1, 2], left[1, 1]), np.arctan2(-left[2, 0], left[0, 0]), yaw])
 
 
-def from_rpy(angles: Array) -> Array:
-    """Rotation matrix of roll, pitch, yaw [rad], shape (3, 3)."""
-    (a, b, c), (d, e, f) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [c * b, c * e * d - f * a, c * e * a + f * d],
-            [f * b, f * e * d + c * a, f * e * a - c * d],
-            [-e, b * d, b * a],
-        ]
-    )
-
-
 def hang(
     root: ET.Element, link: str, joint: str, parent: str, at: Array, turn: Array | None = None
 ) -> ET.Element:
@@ -75,9 +63,9 @@ def hang(
     return made
 
 
-def triple(numbers: Array) -> str:
+def triple(numbers: Iterable[float]) -> str:
     """Three numbers as a URDF has them, to the last digit."""
-    return " ".join(f"{x:.17g}" for x in numbers)
+    return " ".join(repr(float(x)) for x in numbers)
 
 
 @dataclass(frozen=True)
@@ -217,7 +205,7 @@ def _joint(robot: ET.Element, name: str, parent: str, joint: Joint, matrix: Arra
     _origin(element, matrix)
     if joint.type in ("fixed", "floating"):
         return
-    ET.SubElement(element, "axis", xyz=_text(joint.axis))
+    ET.SubElement(element, "axis", xyz=triple(joint.axis))
     if joint.mimic is not None:
         leader, ratio, offset = joint.mimic
         law = {"multiplier": repr(float(ratio)), "offset": repr(float(offset))}
@@ -242,12 +230,8 @@ def _inertial(element: ET.Element, inertia: Inertia) -> None:
 
 
 def _origin(element: ET.Element, matrix: Array) -> None:
-    values = {"xyz": _text(matrix[:3, 3]), "rpy": _text(rpy(matrix[:3, :3]))}
+    values = {"xyz": triple(matrix[:3, 3]), "rpy": triple(rpy(matrix[:3, :3]))}
     ET.SubElement(element, "origin", values)
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(v)) for v in values)
 
 
 # XML whose elements know their line, for readers that name what they leave out.
@@ -273,9 +257,9 @@ class Element(ET.Element):
             assert isinstance(child, Element)
             yield child
 
-    def child(self, tag: str) -> Element | None:
-        """The first child of a tag."""
-        return next(self.all(tag), None)
+    def child(self, path: str) -> Element | None:
+        """The first child of a tag, or the first at the end of tags, as in "axis/limit"."""
+        return next(self.all(path), None)
 
 
 def refuse_doctype(text: str, file: str, what: str) -> None:

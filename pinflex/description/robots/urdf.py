@@ -251,6 +251,7 @@ class MotorLimits:
     effort: dict[str, float]
 
 
+@lru_cache(maxsize=4)  # every run of a digital controller asks for them
 def limits(text: str) -> dict[str, Limits]:
     """Limits by joint; what is no number counts as not written."""
     keys = ("lower", "upper", "effort", "velocity", "jerk")

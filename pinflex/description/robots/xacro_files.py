@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -50,23 +50,18 @@ def read(
     return replace(urdf.check(expanded, file, package_dirs), file=file)
 
 
+@dataclass
 class _Expansion:
-    """One xacro and the process that expands it."""
+    """One xacro and the process that expands it; `known`: arguments of all files that it reads."""
 
-    def __init__(
-        self,
-        text: str,
-        file: str,
-        folder: Path,
-        packages: tuple[str, ...],
-        arguments: dict[str, str],
-    ) -> None:
-        self._text, self._file, self._folder, self._packages = text, file, folder, packages
-        self._arguments = arguments
-        self.known = {*_ARGUMENT.findall(text)}  # arguments of all files that it reads
-        self._answers: dict[str, Callable[[str], object]] = {
-            "read": self._read, "match": self._match, "package": self._package,
-        }  # fmt: skip
+    text: str
+    file: str
+    folder: Path
+    packages: tuple[str, ...]
+    arguments: dict[str, str]
+
+    def __post_init__(self) -> None:
+        self.known = {*_ARGUMENT.findall(self.text)}
 
     def run(self) -> str:
         """The URDF text."""
@@ -88,8 +83,11 @@ class _Expansion:
         """Answer the process until it has a text."""
         assert process.stdin is not None
         assert process.stdout is not None
-        first = {"file": str(self._folder / self._file), "folder": str(self._folder),
-                 "boundary": self._arguments, "path": sys.path,
+        answers: dict[str, Callable[[str], object]] = {
+            "read": self._read, "match": self._match, "package": self._package,
+        }  # fmt: skip
+        first = {"file": str(self.folder / self.file), "folder": str(self.folder),
+                 "boundary": self.arguments, "path": sys.path,
                  "trusted": os.environ.get(TRUST) == "1"}  # fmt: skip
         answer: dict[str, object] = first
         for _ in range(_FEW):
@@ -107,14 +105,14 @@ class _Expansion:
                 raise self._refused(
                     f"xacro cannot expand it: {str(value).splitlines()[0][:300].rstrip(' .')}"
                 )
-            if what not in self._answers:
+            if what not in answers:
                 raise self._refused(
                     "a xacro runs Python, and this system cannot confine it. Expand it by hand, or "
                     f"set {TRUST}=1 if you trust every line of it",
                     cure=False,
                 )
             try:
-                answer = {"value": self._answers[what](str(value))}
+                answer = {"value": answers[what](str(value))}
             except (OSError, ValueError, DescriptionError) as error:
                 answer = {"error": str(error)}
         raise self._refused(
@@ -124,12 +122,12 @@ class _Expansion:
 
     def _refused(self, what: str, cure: bool = True) -> DescriptionError:
         by_hand = " Correct it, or expand it by hand" if cure else ""
-        return DescriptionError(f"{self._file}: {what}.{by_hand}{'.' if cure else ''}")
+        return DescriptionError(f"{self.file}: {what}.{by_hand}{'.' if cure else ''}")
 
     def _read(self, name: str) -> str:
-        path = Path(os.path.join(self._folder, name))
-        if path == self._folder / self._file:
-            return self._text
+        path = Path(os.path.join(self.folder, name))
+        if path == self.folder / self.file:
+            return self.text
         if path.suffix.lower() not in _READ:
             raise ValueError(f"a xacro may read {', '.join(_READ)} only")
         if not path.is_file():
@@ -140,11 +138,11 @@ class _Expansion:
         return text
 
     def _match(self, pattern: str) -> list[str]:
-        found = glob.glob(os.path.join(self._folder, pattern))
+        found = glob.glob(os.path.join(self.folder, pattern))
         return sorted(path for path in found if Path(path).suffix.lower() in _READ)[:_FEW]
 
     def _package(self, name: str) -> str:
-        for folder in map(Path, self._packages):
+        for folder in map(Path, self.packages):
             for place in (folder, *folder.resolve().parents):
                 if place.name == name and place.is_dir():
                     return str(place)

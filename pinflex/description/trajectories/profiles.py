@@ -78,13 +78,10 @@ class Pieces:
 
 
 def hermite(t: Array, *derivatives: Array) -> Array:
-    """Coefficients of the polynomials that meet values and derivatives at both ends of each piece.
+    """Coefficients of polynomials by values and derivatives at the ends t (m + 1,) of each piece.
 
-    Args:
-        t: Times [s], shape (m + 1,).
-        *derivatives: Position, then velocity and acceleration or fewer, each (m + 1, n).
-    Returns:
-        Shape (m, 2 k, n) for k derivatives: linear, cubic or quintic.
+    Of position, then velocity and acceleration or fewer, k in all, each (m + 1, n): linear, cubic
+    or quintic, shape (m, 2 k, n).
     """
     k, h = len(derivatives), np.diff(t)[:, None]
     orders, powers = np.arange(k), np.arange(2 * k)
@@ -157,11 +154,8 @@ def trapezoid_times(
     moves: Mapping[str, float], velocity: Limit, acceleration: Limit
 ) -> tuple[float, float]:
     """Ramp and duration [s] of the shortest trapezoid within limits."""
-    _require_way(moves, "trapezoid")
-    v, a = (
-        least_of(moves, by_name(value, moves, "trapezoid", quantity))
-        for quantity, value in (("velocity", velocity), ("acceleration", acceleration))
-    )
+    given = {"velocity": velocity, "acceleration": acceleration}
+    v, a = (least_of(moves, x) for x in _limits("trapezoid", moves, given).values())
     _, ramp, cruise = ramps(v, a)
     return ramp, 2.0 * ramp + cruise
 
@@ -173,8 +167,11 @@ def double_s(velocity: float, acceleration: float, jerk: float, delta: Array) ->
     """
     rise, ramp, cruise = ramps(velocity, acceleration, jerk)
     flat = ramp - 2.0 * rise
-    times = [rise, flat, rise, cruise, rise, flat, rise]
-    return _jerks(times, [jerk, 0.0, -jerk, 0.0, -jerk, 0.0, jerk], delta)
+    times = np.array([rise, flat, rise, cruise, rise, flat, rise])
+    long = times > 0.0
+    powers = _powers(times[long], np.array([jerk, 0.0, -jerk, 0.0, -jerk, 0.0, jerk])[long])
+    knots = np.array([*accumulate(times[long], initial=0.0)])
+    return Pieces(knots, np.multiply.outer(powers, delta), delta)
 
 
 @public
@@ -199,14 +196,9 @@ def scurve(
     """
     target, moves, delta = keys.moves_of(joints, platform, "scurve")
     given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
-    limits = {name: by_name(value, moves, "scurve", name) for name, value in given.items()}
-    _require_way(moves, "scurve")
+    limits = _limits("scurve", moves, given)
     v, a, j = (least_of(moves, limit) for limit in limits.values())
-    law = double_s(v, a, j, delta)
-    spec = {"kind": "scurve", target: moves, **limits}
-    end = float(law.knots[-1])
-    corners = tuple(law.knots[1:-1].tolist())
-    return Motion("scurve", target, tuple(moves), end, law, False, spec, corners)
+    return _limited("scurve", target, moves, limits, double_s(v, a, j, delta))
 
 
 @public
@@ -228,8 +220,7 @@ def ruckig(
     """
     target, moves, delta = keys.moves_of(joints, platform, "ruckig")
     given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
-    limits = {name: by_name(value, moves, "ruckig", name) for name, value in given.items()}
-    _require_way(moves, "ruckig")
+    limits = _limits("ruckig", moves, given)
     solver = library("ruckig", "motion ruckig")
     asked, found = solver.InputParameter(len(moves)), solver.Trajectory(len(moves))
     asked.current_position, asked.target_position = [0.0] * len(moves), delta.tolist()
@@ -238,29 +229,35 @@ def ruckig(
     if solver.Ruckig(len(moves)).calculate(asked, found) != solver.Result.Working:
         raise keys.bad("ruckig", "no profile was found within these limits. Take scurve.")
     law = _together(found.profiles[0], delta, float(found.duration))
-    spec = {"kind": "ruckig", target: moves, **limits}
-    corners = tuple(law.knots[1:-1].tolist())
-    return Motion("ruckig", target, tuple(moves), float(law.knots[-1]), law, False, spec, corners)
+    return _limited("ruckig", target, moves, limits, law)
 
 
-def _require_way(moves: Mapping[str, float], kind: str) -> None:
+def _limits(
+    kind: str, moves: Mapping[str, float], given: Mapping[str, Limit]
+) -> dict[str, dict[str, float]]:
+    """Limits of each name by quantity, of a motion that moves something."""
+    found = {quantity: by_name(value, moves, kind, quantity) for quantity, value in given.items()}
     if not any(moves.values()):
         raise keys.bad(kind, "every displacement is 0. Give one that is not, or take hold.")
+    return found
 
 
-def _jerks(times: list[float], jerks: list[float], delta: Array) -> Pieces:
-    """Pieces of constant jerk of s, from rest, those without length left out."""
+def _limited(kind: str, target: str, moves: Any, limits: Any, law: Pieces) -> Motion:
+    spec = {"kind": kind, target: moves, **limits}
+    *knots, end = law.knots.tolist()
+    return Motion(kind, target, tuple(moves), end, law, False, spec, tuple(knots[1:]))
+
+
+def _powers(times: Any, jerks: Any) -> Array:
+    """Coefficients of pieces of constant jerk, from rest, shape (m, 4)."""
     p = v = a = 0.0
-    kept, powers = [0.0], []
-    for time, j in zip(times, jerks, strict=True):
-        if time > 0.0:
-            powers.append([p, v, 0.5 * a, j / 6.0])
-            kept.append(time)
-        p += time * (v + time * (0.5 * a + time * j / 6.0))
-        v += time * (a + time * 0.5 * j)
-        a += time * j
-    knots = np.array([*accumulate(kept)])
-    return Pieces(knots, np.multiply.outer(np.array(powers), delta), delta)
+    powers = []
+    for h, j in zip(times, jerks, strict=True):
+        powers.append([p, v, 0.5 * a, j / 6.0])
+        p += h * (v + h * (0.5 * a + h * j / 6.0))
+        v += h * (a + h * 0.5 * j)
+        a += h * j
+    return np.array(powers)
 
 
 def _together(profiles: Any, delta: Array, end: float) -> Pieces:
@@ -277,11 +274,6 @@ def _together(profiles: Any, delta: Array, end: float) -> Pieces:
     lengths = np.diff(knots)
     powers = np.zeros((len(lengths), 4, len(own)))
     for k, (starts, jerk) in enumerate(own):
-        p = v = a = 0.0
-        for m, (begin, h) in enumerate(zip(knots[:-1], lengths, strict=True)):
-            j = jerk[np.searchsorted(starts, begin + 1e-11, side="right") - 1]
-            powers[m, :, k] = p, v, 0.5 * a, j / 6.0
-            p += h * (v + h * (0.5 * a + h * j / 6.0))
-            v += h * (a + h * 0.5 * j)
-            a += h * j
+        there = np.searchsorted(starts, knots[:-1] + 1e-11, side="right") - 1
+        powers[:, :, k] = _powers(lengths, jerk[there])
     return Pieces(knots, powers, delta)

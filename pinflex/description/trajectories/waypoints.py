@@ -61,11 +61,7 @@ class Waypoints:
 
 
 def read(file: str | Path) -> Waypoints:
-    """The waypoints of a file: .csv, or .yaml, .yml and .json of a JointTrajectory.
-
-    Raises:
-        DescriptionError: With the line and the field that is wrong.
-    """
+    """The waypoints of a file: .csv, or .yaml, .yml and .json of a JointTrajectory."""
     path = Path(file)
     where = f"trajectory.file: {path}"
     require_regular(path, MOST_TABLE, where)
@@ -156,7 +152,7 @@ def _time(point: Any, at: tuple[str | int, ...], place: Place) -> float:
             raise keys.bad(place(*at, key), f"no such key of a point.{nearest(str(key), _POINT)}")
     if point.get("time_from_start") is None:
         raise keys.bad(place(*at), "time_from_start is missing. Give seconds, or {sec, nanosec}.")
-    given, here = point["time_from_start"], place
+    given = point["time_from_start"]
     if isinstance(given, Mapping):
         pair = next((two for two in _SECONDS if set(given) <= set(two) and given), None)
         if pair is None:
@@ -167,7 +163,7 @@ def _time(point: Any, at: tuple[str | int, ...], place: Place) -> float:
             x = given.get(key, 0)
             if isinstance(x, bool) or not isinstance(x, int) or not 0 <= x < most:
                 text = f"{shown(x)} is out of range. Allowed: whole numbers, 0 to {most - 1}."
-                raise keys.bad(here(*at, "time_from_start", key), text)
+                raise keys.bad(place(*at, "time_from_start", key), text)
             parts.append(x)
         return parts[0] + 1e-9 * parts[1]
     time = _number(given, lambda: place(*at, "time_from_start"), "s", "time")
@@ -400,7 +396,7 @@ def trajectory(
     spec: dict[str, Any] = {
         "kind": "trajectory",
         "joint_names": [*found.names],
-        "points": points_of(found),
+        "points": points_of(found.t.tolist(), found.values),
     }
     if start is not None:
         spec["start"] = dict(zip(found.names, begin.tolist(), strict=True))
@@ -408,14 +404,13 @@ def trajectory(
     return Motion("trajectory", "joints", found.names, end, law, True, spec, tuple(inner))
 
 
-def points_of(found: Waypoints) -> list[dict[str, Any]]:
-    """The points of a message, times in seconds."""
-    rows = {field: values.tolist() for field, values in found.values.items()}
-    points: list[dict[str, Any]] = []
-    for k, time in enumerate(found.t.tolist()):
-        points.append({field: values[k] for field, values in rows.items()})
-        points[-1]["time_from_start"] = time
-    return points
+def points_of(times: Sequence[Any], rows: Mapping[str, Array]) -> list[dict[str, Any]]:
+    """The points of a message."""
+    lists = {field: values.tolist() for field, values in rows.items()}
+    return [
+        {field: values[k] for field, values in lists.items()} | {"time_from_start": time}
+        for k, time in enumerate(times)
+    ]
 
 
 def _inline(*path: str | int) -> str:

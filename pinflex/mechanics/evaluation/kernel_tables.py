@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
+from pinflex.bodies.basis import Cut
 from pinflex.bodies.family import Family
 from pinflex.bodies.superelement import Node, Superelement
 from pinflex.bodies.track import Series, Track
@@ -168,8 +169,9 @@ KNOWN: dict[type, frozenset[str]] = {
         (Interface, "x attachment force_rows"),
         (Slot, "link offset body eta root stations twists interfaces"),
         (Family, "n names length breaks gauss function shear"),
-        (Superelement, "points nodes held inertia_error held_frequencies x Phi G outer "
-         "outer_moment corners triangles shapes stress"),
+        (Superelement, "points nodes held inertia_error held_frequencies cut outer_moment corners "
+         "triangles shapes stress"),
+        (Cut, "x Phi G outer outer_twist"),
         (Node, "name place Phi G"),
         (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
          "dot_b distance_rows lengths support_a support_b row_mask contacts coupled"),

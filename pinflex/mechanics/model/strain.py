@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # A field beyond these may be a term that the kernel lacks (see `kernel_tables.uncovered`).
 BODIES: tuple[tuple[type, str], ...] = (
     (FlexibleBody, "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
-     "rotary inertia Phi_r G_r K M D root_moves solid curvature rest"),
+     "inertia Phi_r G_r K M D root_moves solid curvature rest"),
     (Curvature, "bend slope weight"),
 )  # fmt: skip
 

@@ -21,7 +21,6 @@ from pinflex.bodies.beam import second_order
 from pinflex.description.blocks.flexible import Basis, EndMass
 from pinflex.description.blocks.material import BOUNDARIES
 from pinflex.description.section import Section
-from pinflex.errors import DescriptionError
 from tests.bar import BAR, CB, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega
 
 
@@ -273,34 +272,6 @@ def test_labels_name_nodes_and_modes() -> None:
         "u node 1", "u node 2", "p rate 0", "p node 1", "p rate 1", "p node 2", "p rate 2",
     )  # fmt: skip
     assert body("pv", Basis("assumed", modes=2)).labels == ("v1", "v2", "p1", "p2")
-
-
-def test_density_may_come_from_the_mass_of_the_link() -> None:
-    unknown = replace(STEEL, rho=None)
-    b = body("v", material=unknown, rho=1000.0)
-    assert b.mass.sum() == pytest.approx(1000.0 * BAR.A * L)
-    with pytest.raises(DescriptionError, match=r"flexible\.beam\.material\.rho: .*URDF"):
-        body("v", material=unknown)
-
-
-@pytest.mark.parametrize(
-    ("planes", "basis", "link", "text"),
-    [
-        ("v", Basis("assumed"), {"shear": True}, r"beam\.shear: assumed modes .*craig_bampton"),
-        ("v", QUINTIC, {"shear": True}, r"beam\.shear: quintic elements .*cubic"),
-        ("v", Basis(internal=-1), {}, r"basis\.internal: -1 is negative"),
-        ("v", Basis("finite_element", elements=0), {}, r"basis\.elements: 0 is not"),
-        ("v", CB, {"material": replace(STEEL, E=-1.0)}, r"material\.E: -1\.0 is not"),
-        ("v", CB, {"section": replace(BAR, Iz=float("nan"))}, r"section\.Iz: nan is not"),
-        ("x", CB, {}, r"directions \('x',\)"),
-        ("", CB, {}, r"directions \(\)"),
-        ("v", Basis("modal"), {}, r'unknown kind "modal"'),
-        ("v", Basis("finite_element", order="qubic"), {}, r'Did you mean "cubic"'),
-    ],
-)
-def test_wrong_input_is_named(planes: str, basis: Basis, link: dict[str, Any], text: str) -> None:
-    with pytest.raises(DescriptionError, match=text):
-        body(planes, basis, **link)
 
 
 def test_polynomial_stretch_is_that_of_a_quadratic_bar_element() -> None:

@@ -98,7 +98,7 @@ def test_station_rows_are_the_section_rows_there(name: str) -> None:
         Phi, G = b.rows(b.x[k])
         np.testing.assert_allclose(b.Phi[k], Phi[:3], atol=1e-13)
         np.testing.assert_allclose(b.G[k], G[:3], atol=1e-11 * np.abs(G).max())
-        if b.rotary:
+        if b.inertia is not None:
             np.testing.assert_allclose(b.G_r[k], G[3:], atol=1e-11 * np.abs(G).max())
     for k in range(len(b.xt)):
         Phi, G = b.rows(b.xt[k])

@@ -19,7 +19,6 @@ from pinflex.bodies.family import (
     sines,
 )
 from pinflex.description.blocks.material import BOUNDARIES
-from pinflex.errors import DescriptionError
 
 # Roots b L (Blevins 1979; benchmarks A), to the digits printed.
 TABLE = {
@@ -258,14 +257,3 @@ def test_the_3rrr_link_has_the_transcendental_frequencies(
     speed = np.sqrt(E * h**2 / 12 / rho)
     found = beam_modes.roots(boundary, len(published)) ** 2 / L**2 * speed / (2 * np.pi)
     np.testing.assert_allclose(found, published, rtol=2e-4)  # printed to 0.01 Hz
-
-
-def test_unknown_names_are_told_with_the_nearest() -> None:
-    with pytest.raises(DescriptionError, match='Did you mean "pinned_free"'):
-        assumed(1.0, "pined_free", 2)
-    with pytest.raises(DescriptionError, match='Did you mean "quintic"'):
-        hermite(1.0, 1, "quintik")
-    with pytest.raises(DescriptionError, match="no shear"):
-        hermite(1.0, 1, "quintic", shear_ratio=0.1)
-    with pytest.raises(DescriptionError, match="free_free"):
-        beam_modes.mode_functions("clamped_free", 3, 1.0, rigid=True)

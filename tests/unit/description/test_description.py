@@ -352,6 +352,16 @@ BAD_VALUES = [
     ("torsion: true", "tip: {mass: -1}", "flexible.crank.tip.mass: -1 is out of range"),
     ("torsion: true", "basis: {order: cubic}", "order: has no meaning for the kind craig_bampton"),
     ("torsion: true", "basis: {kind: fe}", "basis.kind: 'fe' is not known."),
+    (
+        "torsion: true",
+        "shear: true, basis: {kind: assumed}",
+        "flexible.crank.shear: assumed modes have no shear. Use finite_element of order cubic",
+    ),
+    (
+        "torsion: true",
+        "shear: true, basis: {kind: finite_element, order: quintic}",
+        "flexible.crank.shear: quintic elements have no shear",
+    ),
     ("torsion: true", "basis: {internal: 1.5}", "internal: 1.5 is not valid. Allowed: a whole"),
     (
         "torsion: true",

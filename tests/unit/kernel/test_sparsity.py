@@ -99,9 +99,8 @@ def branched(segments: int) -> pf.Mechanism:
     links = "".join(LINK.format(name=name, segments=segments) for name in names)
     moves = ", ".join(f"{name}_joint: 0.3" for name in names)
     motion = f"motion: {{kind: cycloid, joints: {{{moves}}}, duration: 0.2}}\n"
-    return scene(
-        "branched", bodies, f"flexible:{links}damping: {{rayleigh: [0, 1.0e-4]}}\n{motion}"
-    )
+    yaml = f"flexible:{links}damping: {{rayleigh: [0, 1.0e-4]}}\n{motion}"
+    return scene("branched", bodies, yaml, (0, 0, -9.81), ", ".join(f"{n}_joint" for n in names))
 
 
 @pytest.mark.parametrize("stages", [4, 5])  # pairs of eigenvalues; and a real one
