@@ -311,11 +311,10 @@ def _move_files(
     """Write the figure and the table that are asked for."""
     files = []
     if args.plot:
-        from pinflex.viewer.plots.drawing import save
-        from pinflex.viewer.plots.motions import fastest_figure as figure
+        from pinflex.viewer.plots.motions import plot_fastest
 
         files.append(args.plot)
-        save(figure(made, rows).axes, args.plot)
+        plot_fastest(made, rows, path=args.plot)
     if args.page:
         files.append(str(made.page(args.page, rows)))
     return files + _sent(args, mechanism, made.motion)

@@ -87,11 +87,12 @@ def _modes_files(
         page = write_modes_html(mode_runs(mechanism, first), args.view)
     if args.map is not None:
         from pinflex.solver.solve import default_motion
-        from pinflex.viewer.plots.maps import save_map
+        from pinflex.viewer.plots.maps import axes_of_map
 
         along = default_motion(mechanism)
         options: dict[str, Any] = {"count": min(count, 8), "preload": preload, "stiffness": False}
-        figure = save_map(pf.pose_map(mechanism, along=along, **options), args.map)
+        figure = Path(args.map)
+        axes_of_map(pf.pose_map(mechanism, along=along, **options), path=figure)
     return page, figure
 
 

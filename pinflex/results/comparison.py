@@ -539,9 +539,7 @@ def _residual_rows(
     for label, run in others.items():
         if label != "quasistatic":
             away = run.deviation_from(rigid, frame)
-            found = residual(away.t, away.position, stop, band, rest, period)
+            amplitude, settling = residual(away.t, away.position, stop, band, rest, period)
             watched = float(away.t[-1]) - stop
-            rows.append(
-                ResidualRow(label, frame, stop, watched, found.amplitude, band, found.settling)
-            )
+            rows.append(ResidualRow(label, frame, stop, watched, amplitude, band, settling))
     return tuple(rows)

@@ -6,6 +6,7 @@ Every function returns a matplotlib Figure: no window, no global state.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.results.views import Deviation, LinkView
-from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, aligned, panels, title
+from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, aligned, panels, stack, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -173,12 +174,9 @@ def deviation(
 
 def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") -> Figure:
     """Position and rotation of a deviation, in mm and mrad or in thousandths of them."""
-    figure, axes = panels(2, 1, sharex=True)
-    for ax, part in zip(axes[:, 0], ("position", "rotation"), strict=True):
-        draw_distance(ax, away, part, calm)
-        ax.label_outer()
-    title(axes[0, 0], heading)
-    aligned(*axes[:, 0])
+    parts = [partial(draw_distance, away=away, part=part, calm=calm) for part in _PARTS]
+    figure = stack(parts, room=Room(), legend=None)
+    title(figure.axes[0], heading)
     return figure
 
 

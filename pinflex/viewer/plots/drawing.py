@@ -6,7 +6,7 @@ their panel. `panel` draws one of several alone, which then also goes on axes of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,11 +80,16 @@ def styled(ax: Axes) -> Axes:
 
 
 def panels(
-    rows: int, columns: int, height: float = HEIGHT, room: Room | None = Room(), **grid: Any
+    rows: int,
+    columns: int,
+    height: float = HEIGHT,
+    room: Room | None = Room(),
+    width: float = WIDTH,
+    **grid: Any,
 ) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), with open, thin frames."""
+    """A figure and its axes (rows, columns), with open, thin frames; `room` is of `WIDTH`."""
     sizes: dict[str, Any] = {"height_ratios": grid.pop("height_ratios", None)}
-    figure = new_figure(WIDTH, height, layout=None if room else "constrained")
+    figure = new_figure(width, height, layout=None if room else "constrained")
     if room is not None:
         wide, high = WIDTH - room.left - room.right, height - room.top - room.bottom
         across, down = room.between
@@ -96,6 +101,30 @@ def panels(
     for ax in axes.flat:
         styled(ax)
     return figure, axes
+
+
+def stack(
+    parts: Iterable[Callable[[Axes], object]],
+    height: float = HEIGHT,
+    room: Room | None = None,
+    legend: int | None = 0,
+) -> Figure:
+    """A figure of panels below each other, over one horizontal axis; the first has the heading.
+
+    `legend`: the panel whose legend stays; None: those of all.
+    """
+    draws = list(parts)
+    figure, axes = panels(len(draws), 1, height, room, sharex=True)
+    for k, (ax, draw) in enumerate(zip(axes[:, 0], draws, strict=True)):
+        draw(ax)
+        ax.label_outer()
+        if k:
+            title(ax, "")
+        if legend not in (None, k) and ax.get_legend():
+            ax.get_legend().remove()
+    if room is not None:
+        aligned(*axes[:, 0])
+    return figure
 
 
 def aligned(*axes: Axes) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,7 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results.pose_map import PoseMap, free, free_stiffness
 from pinflex.viewer.plot import figure_of
-from pinflex.viewer.plots.drawing import COLOURS, DPI, WIDTH, Drawing, check_figure, panels, title
-from pinflex.writing import replaced
+from pinflex.viewer.plots.drawing import COLOURS, WIDTH, Drawing, panels, stack, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,27 +46,31 @@ def plot_map(poses: PoseMap) -> Figure:
     Of a grid with more than two coordinates, the others are drawn at their middle.
     """
     cut = _cut(poses)
-    figure = _curves(poses, cut) if len(cut.drawn) == 1 else _maps(cut)
+    alone = len(cut.drawn) == 1
+    curves = _curves(poses, cut).values()
+    figure = stack(curves, 3.2 * len(curves), legend=None) if alone else _maps(cut)
     figure.suptitle(_title(poses, cut.drawn), x=0.01, ha="left", fontsize=10)
     return figure
 
 
-def axes_of_map(poses: PoseMap, panel: str | None = None, ax: Axes | None = None) -> Any:
+def axes_of_map(
+    poses: PoseMap,
+    panel: str | None = None,
+    ax: Axes | None = None,
+    path: str | Path | None = None,
+) -> Any:
     """Axes of `plot_map`."""
     cut = _cut(poses)
-    if len(cut.drawn) == 1:
-        each: dict[str, Callable[[Axes], object]] = {
-            "frequencies": lambda on: _frequency_panel(on, poses, cut)
-        }
-        if cut.stiffness:
-            each["stiffness"] = lambda on: _stiffness_panel(on, cut)
-    else:
-        each = {
+    each: Mapping[str, Callable[[Axes], object]] = (
+        _curves(poses, cut)
+        if len(cut.drawn) == 1
+        else {
             name: partial(_map, name=name, values=values, cut=cut)
             for row in _rows(cut)
             for name, values in row.items()
         }
-    return Drawing(lambda: plot_map(poses), each).axes(panel, ax)
+    )
+    return Drawing(lambda: plot_map(poses), each).axes(panel, ax, path)
 
 
 def _cut(poses: PoseMap) -> _Cut:
@@ -107,22 +110,10 @@ def _title(poses: PoseMap, drawn: list[int]) -> str:
     )
 
 
-def save_map(poses: PoseMap, path: str | Path) -> Path:
-    """Write the figure (.png, .pdf, .svg); returns the file."""
-    path = check_figure(path)
-    with replaced(path) as part:
-        plot_map(poses).savefig(part, dpi=DPI)
-    return path
-
-
-def _curves(poses: PoseMap, cut: _Cut) -> Figure:
-    count = 1 + bool(cut.stiffness)
-    figure, axes = panels(count, 1, 3.2 * count, None, sharex=True)
-    _frequency_panel(axes[0, 0], poses, cut)
-    if cut.stiffness:
-        axes[0, 0].set_xlabel("")
-        _stiffness_panel(axes[1, 0], cut)
-    return figure
+def _curves(poses: PoseMap, cut: _Cut) -> dict[str, Callable[[Axes], object]]:
+    """Panels by name, along one coordinate."""
+    stiff = {"stiffness": partial(_stiffness_panel, cut=cut)} if cut.stiffness else {}
+    return {"frequencies": partial(_frequency_panel, poses=poses, cut=cut), **stiff}
 
 
 def _frequency_panel(ax: Axes, poses: PoseMap, cut: _Cut) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import Motion
 from pinflex.results.result import Result
-from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, title
+from pinflex.viewer.plots.drawing import COLOURS, Drawing, legend_above, panels, stack, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,21 +30,11 @@ _TINY = 1e-10  # m: below it a distance is round-off
 def plot_command(found: Command, panel: str | None = None, ax: Axes | None = None) -> Any:
     """Axes with the motors' motion and torques of one command."""
     each = {name: partial(_draw_command, found=found, panel=name) for name in ("motors", "torque")}
-    return Drawing(partial(_alone, found), each).axes(panel, ax)
-
-
-def _alone(found: Command) -> Figure:
-    """Motor positions from their first ones, and torques."""
-    fig, axes = panels(2, 1, 4.8, None, sharex=True)
-    for ax, panel in zip(axes[:, 0], ("motors", "torque"), strict=True):
-        _draw_command(ax, found, panel)
-        ax.label_outer()
-    axes[0, 0].get_legend().remove()
-    title(axes[1, 0], "")
-    return fig
+    return Drawing(partial(stack, each.values(), 4.8, legend=1), each).axes(panel, ax)
 
 
 def _draw_command(ax: Axes, found: Command, panel: str) -> None:
+    """Motor positions from their first ones, or torques."""
     moves = panel == "motors"
     values = found.position - found.position[0] if moves else found.torque
     for k, motor in enumerate(found.motors):
@@ -110,24 +101,15 @@ PANELS = ("speed", "platform", "torque")
 
 
 def plot_fastest(
-    found: Fastest, rows: Sequence[Baseline] = (), panel: str | None = None, ax: Axes | None = None
+    found: Fastest,
+    rows: Sequence[Baseline] = (),
+    panel: str | None = None,
+    ax: Axes | None = None,
+    path: str | Path | None = None,
 ) -> Any:
     """Axes with speed along the path, distance of the platform from rest, and largest torque."""
     each = {name: partial(_draw, found=found, rows=rows, panel=name) for name in PANELS}
-    return Drawing(partial(fastest_figure, found, rows), each).axes(panel, ax)
-
-
-def fastest_figure(found: Fastest, rows: Sequence[Baseline] = ()) -> Figure:
-    """Three panels, the same time below each other."""
-    fig, axes = panels(3, 1, 6.6, None, sharex=True)
-    for ax, panel in zip(axes[:, 0], PANELS, strict=True):
-        _draw(ax, found, rows, panel)
-        ax.label_outer()
-    for ax in axes[1:, 0]:
-        title(ax, "")
-        if ax.get_legend():
-            ax.get_legend().remove()
-    return fig
+    return Drawing(partial(stack, each.values(), 6.6), each).axes(panel, ax, path)
 
 
 def _draw(ax: Axes, found: Fastest, rows: Sequence[Baseline], panel: str) -> None:

@@ -11,12 +11,10 @@ from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.results.play import Play, PlayMap
 from pinflex.viewer.plot import figure_of
-from pinflex.viewer.plots.drawing import COLOURS, DPI, WIDTH, Drawing, check_figure, panels, title
-from pinflex.writing import replaced
+from pinflex.viewer.plots.drawing import COLOURS, WIDTH, Drawing, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ALONG = ("x", "y", "z")
 _ROOM = 0.42  # of the distance between poses that the largest outline reaches to each side
@@ -29,25 +27,10 @@ def axes_of_play(play: Play, along: tuple[str, str], ax: Axes | None = None) -> 
     return Drawing(None, {"outline": lambda on: _outline(on, play, along)}).axes(None, ax)
 
 
-def axes_of_plays(plays: PlayMap, ax: Axes | None = None) -> Any:
+def axes_of_plays(plays: PlayMap, ax: Axes | None = None, path: str | Path | None = None) -> Any:
     """Axes of a map of plays."""
     height = _HIGH if _wide(plays)[1:] else _LOW
-    return Drawing(None, {"play": lambda on: _draw(on, plays)}, height).axes(None, ax)
-
-
-def save_plays(plays: PlayMap, path: str | Path) -> Path:
-    """Write the figure (.png, .pdf, .svg); returns the file."""
-    path = check_figure(path)
-    with replaced(path) as part:
-        _figure(plays).savefig(part, dpi=DPI)
-    return path
-
-
-def _figure(plays: PlayMap) -> Figure:
-    figure, axes = panels(1, 1, _HIGH if _wide(plays)[1:] else _LOW, None)
-    _draw(axes[0, 0], plays)
-    title(axes[0, 0], f"{plays.name}: play of the platform, motors still")
-    return figure
+    return Drawing(None, {"play": lambda on: _draw(on, plays)}, height).axes(None, ax, path)
 
 
 def _outline(ax: Axes, play: Play, along: tuple[str, str]) -> None:
@@ -89,6 +72,7 @@ def _draw(ax: Axes, plays: PlayMap) -> None:
     if not np.isfinite(far).any():
         raise DescriptionError(f"{plays.name}: no pose of the middle of the grid has an answer.")
     factor, unit = _unit(float(np.nanmax(far)))
+    title(ax, f"{plays.name}: play of the platform, motors still")
     labels = [f"{name} from home [{plays.units[name]}]" for name in names]
     ax.set_xlabel("time along the motion [s]" if names == ["t"] else labels[0])
     if len(drawn) == 1:

@@ -14,16 +14,15 @@ from pinflex.viewer.plots.drawing import (
     COLOURS,
     WIDTH,
     Drawing,
-    aligned,
+    Room,
     legend_above,
-    panels,
+    stack,
     title,
 )
 from pinflex.viewer.scene import mode_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from pinflex.description.motions.trajectory import Motion
 
@@ -130,26 +129,11 @@ def plot_motion(
 ) -> Any:
     """Axes with position, velocity and acceleration over time."""
     each = {name: partial(_draw, motion, until, name) for name in _PANELS}
-    return Drawing(partial(figure, motion, until), each).axes(panel, ax)
-
-
-def figure(motion: Motion, until: float | None = None) -> Figure:
-    """Three panels, a curve for each coordinate."""
-    fig, axes = panels(3, 1, 5.6, sharex=True)
-    for name, ax in zip(_PANELS, axes[:, 0], strict=True):
-        _curves(motion, until, name, ax)
-        ax.label_outer()
-    _head(motion, axes[0, 0])
-    aligned(*axes[:, 0])
-    return fig
+    return Drawing(partial(stack, each.values(), 5.6, Room()), each).axes(panel, ax)
 
 
 def _draw(motion: Motion, until: float | None, panel: str, ax: Axes) -> None:
-    _curves(motion, until, panel, ax)
-    _head(motion, ax)
-
-
-def _curves(motion: Motion, until: float | None, panel: str, ax: Axes) -> None:
+    """A curve for each coordinate."""
     t = np.linspace(0.0, until or motion.duration, _INSTANTS)
     values = motion.evaluate(t)[_PANELS.index(panel)]
     for k, coordinate in enumerate(motion.names):
@@ -157,9 +141,6 @@ def _curves(motion: Motion, until: float | None, panel: str, ax: Axes) -> None:
     per = ("", "/s", "/s²")[_PANELS.index(panel)]
     ax.set_ylabel(f"{panel} [{' | '.join(u + per for u in _units(motion))}]")
     ax.set_xlabel("time [s]")
-
-
-def _head(motion: Motion, ax: Axes) -> None:
     legend_above(ax, len(motion.names))
     title(ax, f"{motion.kind} motion of the {motion.target}")
 
