@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import _thread
-import signal
-import sys
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from types import FrameType
+import time
+from collections.abc import Mapping
 from typing import Any
 
 from pinflex.advice.solve import solve
@@ -24,20 +19,25 @@ def with_checkpoints(
     options = dict(options)
     _check(mechanism, output, options)
     assert output is not None
-    spec = mechanism.description.solve
-    reached = -1.0
+    spec, tell = mechanism.description.solve, options["progress"]
+    reached, due, rung = -1.0, 0.0, False
+
+    def step(done: int, steps: int) -> None:
+        nonlocal rung
+        tell(done, steps)
+        if time.monotonic() > due:
+            rung = True
+            raise KeyboardInterrupt
+
+    options["progress"] = step
     while True:
-        with _alarm(seconds) as rung:
-            try:
-                return solve(mechanism, **options)
-            except RunInterrupted as stop:
-                if not rung.is_set():
-                    raise
-                part = stop.result
-            except KeyboardInterrupt:  # before the first step
-                if not rung.is_set():
-                    raise
-                part = None
+        due, rung = time.monotonic() + seconds, False
+        try:
+            return solve(mechanism, **options)
+        except RunInterrupted as stop:
+            if not rung:  # by somebody else
+                raise
+            part = stop.result
         if isinstance(part, Result) and len(part.t) > 1 and part.t[-1] > reached:
             part.save(output)
             options["resume"], reached = part, float(part.t[-1])
@@ -51,8 +51,6 @@ def _check(mechanism: Mechanism, output: str | None, options: Mapping[str, Any])
     """Raise where a run has no state that it can go on from."""
     if output is None:
         raise DescriptionError("--checkpoint: where to? Give -o RUN.npz.")
-    if not hasattr(signal, "setitimer"):
-        raise DescriptionError("--checkpoint: this system has no timers. Leave it out.")
     spec = mechanism.description.solve
     by_tol = options.get("tol") or (spec.tol if options.get("dt") is None else None)
     if (options.get("level") or spec.level) != "coupled" or by_tol or spec.only == "coupled":
@@ -70,34 +68,3 @@ def _end(mechanism: Mechanism) -> float:
     from pinflex.solver.solve import default_motion
 
     return default_motion(mechanism).duration
-
-
-@contextmanager
-def _alarm(seconds: float) -> Iterator[threading.Event]:
-    """Interrupt once after some seconds; the event says that it was this."""
-    rung = threading.Event()
-    if sys.platform == "win32":  # it has no alarm: a second thread interrupts the first
-
-        def interrupt() -> None:
-            rung.set()
-            _thread.interrupt_main()
-
-        timer = threading.Timer(seconds, interrupt)
-        timer.start()
-        try:
-            yield rung
-        finally:
-            timer.cancel()
-        return
-
-    def ring(number: int, frame: FrameType | None) -> None:
-        rung.set()
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield rung
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)

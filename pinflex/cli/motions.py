@@ -110,13 +110,13 @@ def _command_views(
         files.append(Path(args.plot))
         save(figure(commands, runs).axes, args.plot)
     if args.view is not None:
-        from pinflex.viewer.view import write_runs_html
+        from pinflex.viewer.view import write_html
 
         named = {f"coupled, {level} command": x for level, x in runs.items()}
         ideal = next(iter(runs.values())).ideal
         off_path = {words: x.off_path for words, x in named.items()}
         shown = {words: x.run for words, x in named.items()}
-        files.append(write_runs_html(shown, args.view, rigid=ideal, off_path=off_path))
+        files.append(write_html(shown, args.view, rigid=ideal, off_path=off_path))
     return files
 
 
