@@ -39,16 +39,12 @@ def _draw_command(ax: Axes, found: Command, panel: str) -> None:
     values = found.position - found.position[0] if moves else found.torque
     for k, motor in enumerate(found.motors):
         ax.plot(found.t, values[:, k], color=COLOURS[k % len(COLOURS)], lw=1.0, label=motor)
-    units = dict.fromkeys(_place(u) if moves else u for u in found.units)
+    units = dict.fromkeys(("m" if u == "N" else "rad") if moves else u for u in found.units)
     ax.set_ylabel(f"{'motors, from start' if moves else 'torque'} [{' | '.join(units)}]")
     ax.set_xlabel("time [s]")
     legend_above(ax, len(found.motors))
     title(ax, f"{found.name}: {found.level} command")
     _moving(ax, found)
-
-
-def _place(unit: str) -> str:
-    return "m" if unit == "N" else "rad"
 
 
 def command_figure(commands: Mapping[str, Command], runs: Mapping[str, Followed]) -> Figure:
