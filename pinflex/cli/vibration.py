@@ -1,10 +1,11 @@
-"""`pinflex modes`, `shapers` and `frf`: natural frequencies, what rings, frequency responses."""
+"""`pinflex check`, `advise`, `modes`, `shapers`, `frf`: what is to be known before a run."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import pinflex as pf
 from pinflex.cli.console import answer, load_model, working
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.report import Report, Table, table
 from pinflex.text import number
 from pinflex.writing import writable, write_csv
@@ -29,6 +31,30 @@ _SHOWN = 5  # zeros in the table
 # Of the fastest natural frequency in the headline: a zero below is round-off (a double one has half
 # the digits), and one that is slow beside the vibrations of the links.
 _ZERO, _SLOW = 1e-6, 1e-3
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Say what was understood of a model."""
+    mechanism, said = load_model(args), ""
+    if args.write_home:
+        from pinflex.studies.scenes.new_scene import write_home
+
+        said = f"\nhome written to {write_home(mechanism)}\n"
+        mechanism = load_model(args)
+    with working("checking"):
+        found = pf.check(mechanism, **values(args))
+    return answer(args, asdict(found), found.text() + said)
+
+
+def run_advise(args: argparse.Namespace) -> int:
+    """Say what a scene needs."""
+    from pinflex.advice.reduced_models import report
+
+    mechanism = load_model(args)
+    with Bar("looking") as bar:
+        bar.say()
+        advice = pf.advise(mechanism, **values(args), progress=bar)
+    return answer(args, asdict(advice), report(advice, args.model, args.verbose).text())
 
 
 def run_modes(args: argparse.Namespace) -> int:
