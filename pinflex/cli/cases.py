@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, say_written
+from pinflex.cli.console import answer, check_files, load_model, say_written
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.progress import Bar
@@ -62,12 +62,10 @@ def run_map(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
     from pinflex.solver.solve import default_motion
     from pinflex.studies.sweep import parsed
-    from pinflex.viewer.plots.drawing import check_figure
     from pinflex.viewer.plots.maps import axes_of_map
 
     out, options = _batch(args)
-    if args.plot is not None:
-        writable(check_figure(args.plot))
+    check_files(args.plot)
     mechanism = load_model(args)
     grid, where = parsed(args.grid, "--grid"), values(args)
     if "instants" in where:
@@ -95,7 +93,7 @@ def _play(
     options: Mapping[str, Any],
 ) -> int:
     """The play of the platform over a grid of poses: table and figure."""
-    from pinflex.viewer.plots.play import axes_of_plays
+    from pinflex.viewer.plots.maps import axes_of_plays
 
     poses = {key: where[key] for key in ("grid", "along", "instants") if key in where}
     with CaseBar("map", {**options, "jobs": 1, "scheduler": None}) as bar:

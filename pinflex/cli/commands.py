@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 
 from pinflex.cli.options import (
@@ -454,7 +453,6 @@ back, and prints their cost: median, high quantiles and maximum, in thread CPU t
         option(
             "--dt", type=positive, metavar="S", help="step of --worst in s (default: 1e-3)"
         ),
-        option("--race", nargs="?", const="", help=argparse.SUPPRESS),
     ),
     shared=(),
 )  # fmt: skip

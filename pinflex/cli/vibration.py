@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, working
+from pinflex.cli.console import answer, check_files, load_model, working
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
 from pinflex.report import Report, Table, table
 from pinflex.text import number
-from pinflex.writing import writable, write_csv
+from pinflex.writing import write_csv
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array
@@ -251,11 +251,8 @@ def run_frf(args: argparse.Namespace) -> int:
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
-    if args.output and Path(args.output).suffix.lower() != ".csv":
-        from pinflex.viewer.plots.drawing import check_figure
-
-        check_figure(args.output)
-    writable(args.output)
+    as_csv = str(args.output).lower().endswith(".csv")
+    check_files(None if as_csv else args.output, args.output)
     with working("finding the response"):
         study = pf.frequency_response(
             mechanism,

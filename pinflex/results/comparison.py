@@ -33,19 +33,6 @@ _NOTES = 5  # notes on one screen
 _ROUND_OFF = 1e-12  # [m | rad] of a metre-size mechanism: shown as zero
 
 
-def report(c: Comparison) -> Report:
-    """Everything: the answer, the levels, then all the rest."""
-    return Report(_title(c), (
-        *_head(c), _torque_table(c), drive_table(c.drives), _platform_table(c), _residual_table(c),
-        _stress_table(c), _frequency_table(c), _cost_table(c), _remarks(c),
-    ))  # fmt: skip
-
-
-def brief_text(c: Comparison) -> Report:
-    """One screen: the answer in words, the table of levels, the first notes."""
-    return Report(_title(c), (*_head(c), _remarks(c, _NOTES)))
-
-
 def _title(c: Comparison) -> str:
     return f"{c.name}: rigid against flexible"
 
@@ -406,15 +393,22 @@ class Comparison(Reported):
         return json.dumps(asdict(self), indent=2, allow_nan=False)
 
     def as_report(self) -> Report:
-        """Everything, with its tables."""
-        return report(self)
+        """Everything: the answer, the levels, then all the rest."""
+        return Report(_title(self), (
+            *_head(self), _torque_table(self), drive_table(self.drives), _platform_table(self),
+            _residual_table(self), _stress_table(self), _frequency_table(self), _cost_table(self),
+            _remarks(self),
+        ))  # fmt: skip
+
+    def _screen(self) -> Report:
+        return Report(_title(self), (*_head(self), _remarks(self, _NOTES)))
 
     def brief(self) -> str:
         """The answer on one screen: in words, one table of levels, notes."""
-        return brief_text(self).text()
+        return self._screen().text()
 
     def _repr_html_(self) -> str:
-        return brief_text(self).html()
+        return self._screen().html()
 
 
 @public

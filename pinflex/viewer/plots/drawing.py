@@ -169,11 +169,7 @@ class Drawing:
     def axes(
         self, panel: str | None = None, ax: Axes | None = None, path: str | Path | None = None
     ) -> Any:
-        """Draw, and return the axes: one, or an array of several.
-
-        Raises:
-            DescriptionError: `ax` for several panels, or no such panel.
-        """
+        """Draw, and return the axes: one, or an array of several."""
         if panel is None and ax is not None:
             panel = self._only()
         if panel is not None and panel not in self.panels:
