@@ -198,14 +198,11 @@ def _solve_data(result: Result) -> dict[str, Any]:
 
     links: dict[str, Any] = {}
     for name in result.links:
-        link = result.link(name)
-        when, where = np.unravel_index(int(np.argmax(link.von_mises)), link.von_mises.shape)
+        worst, moved = result.worst_stress(link=name), result.link(name).deflection[:, :, :3]
+        far = float(np.max(np.linalg.norm(moved, axis=2)))
         links[name] = {
-            "deflection": float(np.max(np.linalg.norm(link.deflection[:, :, :3], axis=2))),
-            "von_mises": float(link.von_mises[when, where]),
-            "x": float(link.x[where]),
-            "time": float(result.t[when]),
-        }
+            "deflection": far, "von_mises": worst.value, "x": worst.x, "time": worst.t
+        }  # fmt: skip
     return {
         "name": result.meta.get("name"),
         "level": result.level,

@@ -326,16 +326,15 @@ def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
 
 def stress_row(label: str, run: Result, link: str, strength: float | None) -> StressRow:
     """The largest stress of a link."""
-    view = run.link(link)
-    when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
+    worst = run.worst_stress(link=link)
     return StressRow(
         level=label,
         link=link,
-        von_mises=float(view.von_mises[when, where]),
-        x=float(view.x[where]),
-        fraction=float(view.x[where] / view.length),
-        time=float(run.t[when]),
-        yield_share=None if strength is None else float(view.von_mises[when, where]) / strength,
+        von_mises=worst.value,
+        x=worst.x,
+        fraction=worst.x / run.link(link).length,
+        time=worst.t,
+        yield_share=None if strength is None else worst.value / strength,
     )
 
 

@@ -246,11 +246,11 @@ def draw_stress(ax: Axes, view: LinkView, top: float) -> Any:
     image.set_data(t, x, view.von_mises.T / 1e6)
     ax.add_image(image)
     ax.set(xlim=(t[0], t[-1]), ylim=(x[0], x[-1]))
-    when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
-    spot = (view.result.t[when], 1e3 * view.x[where])
+    worst = view.result.worst_stress(link=view.name)
+    spot = worst.t, 1e3 * worst.x
     for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
         ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
-    title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+    title(ax, f"{view.name}: {worst.value / 1e6:.3g} MPa at {worst.t:.4g} s")
     ax.set_ylabel("x [mm]")
     return image
 

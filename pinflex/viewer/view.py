@@ -192,9 +192,7 @@ def write_html(
     return _write(scenes, path, title or scenes[0]["name"], page)
 
 
-def write_modes_html(
-    shapes: Iterable[tuple[float, Result]], path: str | Path, title: str | None = None
-) -> Path:
+def write_modes_html(shapes: Iterable[tuple[float, Result]], path: str | Path) -> Path:
     """Write one page with a picker of mode shapes, played by the same player."""
     bare: dict[str, Any] = {"forces": [], "torques": [], "plots": [], "track": None}
     scenes = [
@@ -204,7 +202,7 @@ def write_modes_html(
     if not scenes:
         raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
     page = {"field": "displacement", "limit": None}
-    return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
+    return _write(scenes, path, f"{scenes[0]['name']}: mode shapes", page)
 
 
 _RACING = 300  # instants of each of up to six runs
