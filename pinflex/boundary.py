@@ -38,7 +38,7 @@ def public(function: Callable[P, R]) -> Callable[P, R]:
                 raise
             raise _shortened(error)  # noqa: B904
         except (TypeError, ValueError, AttributeError):
-            wrong = _unknown(function, kwargs) or _mistyped(function, args, kwargs)
+            wrong = _unknown(function, kwargs) or mistyped(function, args, kwargs)
             if wrong is None:
                 raise
             raise wrong from None
@@ -52,14 +52,6 @@ def _shortened(error: BaseException) -> BaseException:
     error.__cause__, error.__context__ = None, cause
     error.__suppress_context__ = True
     return error.with_traceback(None)
-
-
-def _mistyped(
-    function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
-) -> DescriptionError | None:
-    """Error for an argument of another kind than the annotation says; None where all fit."""
-    said = mistyped(function, args, kwargs)
-    return None if said is None else DescriptionError(said)
 
 
 def _unknown(
@@ -92,8 +84,8 @@ _LISTS = (list, set, frozenset, abc.Iterable, abc.Sequence, abc.Collection)
 
 def mistyped(
     function: Callable[..., object], args: Iterable[object], kwargs: Mapping[str, object]
-) -> str | None:
-    """What is wrong with the first argument that does not fit; None where all fit."""
+) -> DescriptionError | None:
+    """Error for the first argument that does not fit its annotation; None where all fit."""
     try:
         bound = inspect.signature(function).bind(*args, **kwargs)
         hints = get_type_hints(function, localns=_Known(function))
@@ -103,7 +95,7 @@ def mistyped(
         wrong = next(_misfits(value, hints.get(name, Any), name), None)
         if wrong is not None:
             where, what, hint = wrong
-            return (
+            return DescriptionError(
                 f"{function.__name__}: {where}: {reprlib.repr(what)} does not fit. Give "
                 f"{_said(hint)}; help(pinflex.{function.__qualname__}) says more."
             )

@@ -28,11 +28,6 @@ def run_bench(args: argparse.Namespace) -> int:
     """Solve the scene in many ways; print time against error."""
     from pinflex.studies.bench import bench
 
-    if args.race is not None:
-        raise DescriptionError(
-            "bench --race: the race beside Exudyn is part of the source, not of the package. In a "
-            "checkout: python -m tests.benchmarks.race [R1,...] [--report FILE.md]."
-        )
     if args.model is None:
         raise DescriptionError("bench: no model. Name one.")
     if not args.worst and (args.steps is not None or args.dt is not None):

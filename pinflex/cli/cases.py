@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, say_written
+from pinflex.cli.console import answer, check_files, load_model, say_written
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError, SceneError
 from pinflex.progress import Bar
@@ -62,12 +62,10 @@ def run_map(args: argparse.Namespace) -> int:
     """Frequencies and stiffness over a grid of poses: table and figure."""
     from pinflex.solver.solve import default_motion
     from pinflex.studies.sweep import parsed
-    from pinflex.viewer.plots.drawing import check_figure
-    from pinflex.viewer.plots.maps import save_map
+    from pinflex.viewer.plots.maps import axes_of_map
 
     out, options = _batch(args)
-    if args.plot is not None:
-        writable(check_figure(args.plot))
+    check_files(args.plot)
     mechanism = load_model(args)
     grid, where = parsed(args.grid, "--grid"), values(args)
     if "instants" in where:
@@ -76,14 +74,15 @@ def run_map(args: argparse.Namespace) -> int:
         return _play(args, mechanism, {"grid": grid} | where, out, options)
     with CaseBar("map", options) as bar:
         poses = pf.pose_map(mechanism, grid=grid, **where, **options, progress=bar)
-    figures = [] if args.plot is None else [save_map(poses, args.plot)]
+    if args.plot is not None:
+        axes_of_map(poses, path=args.plot)
     notes = _map_notes(poses)
     if not grid and "instants" not in where:
         notes.append(
             "No --grid and no --instants were given: this is home alone. Add, for instance, "
             "--grid x=-.05:.05:9, or --instants 41 for poses of the motion."
         )
-    return _answer(args, poses.table, _map_report(poses), bar, notes, out, figures)
+    return _answer(args, poses.table, _map_report(poses), bar, notes, out)
 
 
 def _play(
@@ -94,12 +93,13 @@ def _play(
     options: Mapping[str, Any],
 ) -> int:
     """The play of the platform over a grid of poses: table and figure."""
-    from pinflex.viewer.plots.play import save_plays
+    from pinflex.viewer.plots.maps import axes_of_plays
 
     poses = {key: where[key] for key in ("grid", "along", "instants") if key in where}
     with CaseBar("map", {**options, "jobs": 1, "scheduler": None}) as bar:
         plays = pf.play_map(mechanism, **poses, clearance=args.play or None, progress=bar)
-    figures = [] if args.plot is None else [save_plays(plays, args.plot)]
+    if args.plot is not None:
+        axes_of_plays(plays, path=args.plot)
     found = plays.plays.reshape(-1)
     alone = len(found) == 1 and found[0] is not None
     screen = Report("play", (found[0].as_table() if alone else ranges(plays.table),))
@@ -107,7 +107,7 @@ def _play(
         "play is the longest way of the platform's origin to a side, play.x that along x with the "
         "other displacements free; links rigid, axes of pins parallel, to first order."
     ]
-    return _answer(args, plays.table, screen, bar, notes, out, figures)
+    return _answer(args, plays.table, screen, bar, notes, out)
 
 
 def _random(args: argparse.Namespace) -> int:
@@ -195,13 +195,13 @@ def _answer(
     bar: CaseBar,
     notes: Sequence[str],
     out: Path | None,
-    figures: Sequence[Path] = (),
 ) -> int:
     """Write the table and say what is in it; an error where no case has an answer.
 
     The journal has done its work where every case has an answer, and goes.
     """
-    files = [*([] if out is None else [cases.save(out)]), *figures]
+    files = [] if out is None else [cases.save(out)]
+    files += [Path(args.plot)] if args.plot else []
     errors = {
         k: str(why)
         for k, (status, why) in enumerate(zip(cases["status"], cases["error"], strict=True), 1)

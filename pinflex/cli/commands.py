@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 
 from pinflex.cli.options import (
@@ -56,7 +55,7 @@ SHELLS = ("bash", "zsh")
 _file = partial(option, metavar="FILE")
 
 CHECK = Command(
-    ("look", "run_check"),
+    ("vibration", "run_check"),
     """
 Prints the mobility, loops with their rank and redundant rows, sigma_min, masses of beams and of the
 URDF, the planes in which links bend and why, the static sag of the platform, holding torques, the
@@ -97,7 +96,7 @@ By default linearises about the static equilibrium under gravity, with the motor
     "modes",
 )  # fmt: skip
 ADVISE = Command(
-    ("look", "run_advise"),
+    ("vibration", "run_advise"),
     """
 Measures along the motion, by cheap linear runs of a richer model (every plane, stretch, twist, one
 more mode), what each level and each thing left out costs, and proposes the least that keeps the
@@ -454,7 +453,6 @@ back, and prints their cost: median, high quantiles and maximum, in thread CPU t
         option(
             "--dt", type=positive, metavar="S", help="step of --worst in s (default: 1e-3)"
         ),
-        option("--race", nargs="?", const="", help=argparse.SUPPRESS),
     ),
     shared=(),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
-from pinflex.writing import plain
+from pinflex.writing import plain, writable
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -35,6 +35,16 @@ def written(found: Design | Fit, args: argparse.Namespace) -> list[str]:
 def say_written(files: Sequence[object], how: str = "-o FILE saves it") -> None:
     """Print the files written, or which option writes one."""
     print("\n".join(f"wrote {path}" for path in files) or f"nothing saved ({how})")
+
+
+def check_files(figure: str | None, *others: str | None) -> None:
+    """Refuse before the work what could not be written after it."""
+    if figure:
+        from pinflex.viewer.plots.drawing import check_figure
+
+        check_figure(figure)
+    for path in (*others, figure):
+        writable(path)
 
 
 @contextmanager

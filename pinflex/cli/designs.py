@@ -9,19 +9,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, written
+from pinflex.cli.console import answer, check_files, load_model, written
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
 from pinflex.report import Table, table
-from pinflex.writing import writable
 
 _T = TypeVar("_T")
 
 
 def run_sensitivity(args: argparse.Namespace) -> int:
     """Print the table of sensitivities and a sentence on each output."""
-    writable(args.plot)
+    check_files(args.plot)
     with Bar("sensitivity") as bar:
         study = pf.sensitivities(load_model(args), args.by, args.of, **values(args), progress=bar)
     text = study.text()
@@ -33,7 +32,7 @@ def run_sensitivity(args: argparse.Namespace) -> int:
 
 def run_design(args: argparse.Namespace) -> int:
     """Search, and say what was found and what limits it."""
-    _check_files(args)
+    check_files(args.plot, args.output)
     vary, choose = _by_key(_bounds, args.vary), _by_key(_choices, args.choose)
     robot = load_model(args)
     with Bar("design") as bar:
@@ -55,7 +54,7 @@ def run_design(args: argparse.Namespace) -> int:
 
 def run_fit(args: argparse.Namespace) -> int:
     """Fit, and say what was found and what the measurements leave open."""
-    _check_files(args)
+    check_files(args.plot, args.output)
     vary, priors = _by_key(_parameter, args.vary), _by_key(_prior, args.prior)
     nodes = _by_key(_node, args.node)
     with Bar("fit") as bar:
@@ -64,11 +63,6 @@ def run_fit(args: argparse.Namespace) -> int:
             progress=bar,
         )  # fmt: skip
     return answer(args, study.as_json(), study.text(), written(study, args))
-
-
-def _check_files(args: argparse.Namespace) -> None:
-    for path in (args.output, args.plot):
-        writable(path)
 
 
 def _front(front: Sequence[pf.Design], minimise: str, against: str) -> Table:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, working
+from pinflex.cli.console import answer, check_files, load_model, working
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
 from pinflex.report import Report, Table, table
@@ -37,7 +37,7 @@ def run_command(args: argparse.Namespace) -> int:
     if (args.plot or args.view) and not args.verify:
         raise DescriptionError("--plot and --view show what --verify finds. Add --verify.")
     _rate_has_file(args)
-    _check_files(args.plot, args.output, args.view)
+    check_files(args.plot, args.output, args.view)
     mechanism = load_model(args)
     motion = default_motion(mechanism)
     with working("finding the motor motion"):
@@ -80,16 +80,6 @@ def _rate_has_file(args: argparse.Namespace) -> None:
         raise DescriptionError("--rate is of the file that is written. Add -o FILE.csv.")
 
 
-def _check_files(figure: str | None, *others: str | None) -> None:
-    """Refuse before the work what could not be written after it."""
-    if figure:
-        from pinflex.viewer.plots.drawing import check_figure
-
-        check_figure(figure)
-    for path in (*others, figure):
-        writable(path)
-
-
 def _command_file(made: pf.Command, path: str, rate: float | None) -> Path:
     """The command as a table, or as a JointTrajectory."""
     if Path(path).suffix.lower() in _JOINT_TRAJECTORY:
@@ -110,13 +100,13 @@ def _command_views(
         files.append(Path(args.plot))
         save(figure(commands, runs).axes, args.plot)
     if args.view is not None:
-        from pinflex.viewer.view import write_runs_html
+        from pinflex.viewer.view import write_html
 
         named = {f"coupled, {level} command": x for level, x in runs.items()}
         ideal = next(iter(runs.values())).ideal
         off_path = {words: x.off_path for words, x in named.items()}
         shown = {words: x.run for words, x in named.items()}
-        files.append(write_runs_html(shown, args.view, rigid=ideal, off_path=off_path))
+        files.append(write_html(shown, args.view, rigid=ideal, off_path=off_path))
     return files
 
 
@@ -236,7 +226,7 @@ def run_move(args: argparse.Namespace) -> int:
         raise DescriptionError("--to: say what moves, such as --to x=0.3.")
     if "settle" not in values(args):
         raise DescriptionError("--settle: say within what the platform is still, such as 50um.")
-    _check_files(args.plot, args.output, args.page)
+    check_files(args.plot, args.output, args.page)
     mechanism = load_model(args)
     limits: dict[str, Any] = {}
     if args.like:
@@ -311,11 +301,10 @@ def _move_files(
     """Write the figure and the table that are asked for."""
     files = []
     if args.plot:
-        from pinflex.viewer.plots.drawing import save
-        from pinflex.viewer.plots.motions import fastest_figure as figure
+        from pinflex.viewer.plots.motions import plot_fastest
 
         files.append(args.plot)
-        save(figure(made, rows).axes, args.plot)
+        plot_fastest(made, rows, path=args.plot)
     if args.page:
         files.append(str(made.page(args.page, rows)))
     return files + _sent(args, mechanism, made.motion)

@@ -6,7 +6,8 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import fill
@@ -64,8 +65,6 @@ def _solve(args: argparse.Namespace, mechanism: Mechanism, options: dict[str, An
         options["samples"] = _samples(args.rate, options.get("until"), mechanism)
     if args.checkpoint is None:
         return pf.solve(mechanism, **options)
-    from pinflex.cli.checkpoint import with_checkpoints
-
     return with_checkpoints(mechanism, args.output, args.checkpoint, options)
 
 
@@ -82,6 +81,62 @@ def _samples(rate: float, until: float | None, mechanism: Mechanism) -> int:
             f"Give --until {more:g}."
         )
     return samples(str(round(count) + 1))
+
+
+def with_checkpoints(
+    mechanism: Mechanism, output: str | None, seconds: float, options: Mapping[str, Any]
+) -> Result:
+    """The run of `solve(mechanism, **options)`, interrupted to be saved and gone on with."""
+    from pinflex.results.result import Result
+
+    options = dict(options)
+    _require_resumable(mechanism, output, options)
+    assert output is not None
+    spec, tell = mechanism.description.solve, options["progress"]
+    reached, due, rung = -1.0, 0.0, False
+
+    def step(done: int, steps: int) -> None:
+        nonlocal rung
+        tell(done, steps)
+        if time.monotonic() > due:
+            rung = True
+            raise KeyboardInterrupt
+
+    options["progress"] = step
+    while True:
+        due, rung = time.monotonic() + seconds, False
+        try:
+            return pf.solve(mechanism, **options)
+        except RunInterrupted as stop:
+            if not rung:  # by somebody else
+                raise
+            part = stop.result
+        if isinstance(part, Result) and len(part.t) > 1 and part.t[-1] > reached:
+            part.save(output)
+            options["resume"], reached = part, float(part.t[-1])
+            options["until"] = options.get("until") or spec.until or mechanism.motion.duration
+            options["samples"] = None
+        else:
+            seconds *= 2.0  # not one sample further: what is between samples would be done again
+
+
+def _require_resumable(
+    mechanism: Mechanism, output: str | None, options: Mapping[str, Any]
+) -> None:
+    """Raise where a run has no state that it can go on from."""
+    if output is None:
+        raise DescriptionError("--checkpoint: where to? Give -o RUN.npz.")
+    spec = mechanism.description.solve
+    by_tol = options.get("tol") or (spec.tol if options.get("dt") is None else None)
+    if (options.get("level") or spec.level) != "coupled" or by_tol or spec.only == "coupled":
+        raise DescriptionError(
+            f"{mechanism.name}: --checkpoint: only level coupled in steps (dt) can go on from a "
+            "saved state. Leave it out, or give --level coupled --dt."
+        )
+    if mechanism.description.control is not None:
+        raise DescriptionError(
+            f"{mechanism.name}: --checkpoint: a run with a control cannot go on. Leave it out."
+        )
 
 
 def _solve_files(args: argparse.Namespace, result: Result) -> list[Path]:
@@ -143,14 +198,11 @@ def _solve_data(result: Result) -> dict[str, Any]:
 
     links: dict[str, Any] = {}
     for name in result.links:
-        link = result.link(name)
-        when, where = np.unravel_index(int(np.argmax(link.von_mises)), link.von_mises.shape)
+        worst, moved = result.worst_stress(link=name), result.link(name).deflection[:, :, :3]
+        far = float(np.max(np.linalg.norm(moved, axis=2)))
         links[name] = {
-            "deflection": float(np.max(np.linalg.norm(link.deflection[:, :, :3], axis=2))),
-            "von_mises": float(link.von_mises[when, where]),
-            "x": float(link.x[where]),
-            "time": float(result.t[when]),
-        }
+            "deflection": far, "von_mises": worst.value, "x": worst.x, "time": worst.t
+        }  # fmt: skip
     return {
         "name": result.meta.get("name"),
         "level": result.level,

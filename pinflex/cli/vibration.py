@@ -1,22 +1,24 @@
-"""`pinflex modes`, `shapers` and `frf`: natural frequencies, what rings, frequency responses."""
+"""`pinflex check`, `advise`, `modes`, `shapers`, `frf`: what is to be known before a run."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import pinflex as pf
-from pinflex.cli.console import answer, load_model, working
+from pinflex.cli.console import answer, check_files, load_model, working
 from pinflex.cli.options import values
 from pinflex.errors import DescriptionError
+from pinflex.progress import Bar
 from pinflex.report import Report, Table, table
 from pinflex.text import number
-from pinflex.writing import writable, write_csv
+from pinflex.writing import write_csv
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array
@@ -29,6 +31,30 @@ _SHOWN = 5  # zeros in the table
 # Of the fastest natural frequency in the headline: a zero below is round-off (a double one has half
 # the digits), and one that is slow beside the vibrations of the links.
 _ZERO, _SLOW = 1e-6, 1e-3
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Say what was understood of a model."""
+    mechanism, said = load_model(args), ""
+    if args.write_home:
+        from pinflex.studies.scenes.new_scene import write_home
+
+        said = f"\nhome written to {write_home(mechanism)}\n"
+        mechanism = load_model(args)
+    with working("checking"):
+        found = pf.check(mechanism, **values(args))
+    return answer(args, asdict(found), found.text() + said)
+
+
+def run_advise(args: argparse.Namespace) -> int:
+    """Say what a scene needs."""
+    from pinflex.advice.reduced_models import report
+
+    mechanism = load_model(args)
+    with Bar("looking") as bar:
+        bar.say()
+        advice = pf.advise(mechanism, **values(args), progress=bar)
+    return answer(args, asdict(advice), report(advice, args.model, args.verbose).text())
 
 
 def run_modes(args: argparse.Namespace) -> int:
@@ -87,11 +113,12 @@ def _modes_files(
         page = write_modes_html(mode_runs(mechanism, first), args.view)
     if args.map is not None:
         from pinflex.solver.solve import default_motion
-        from pinflex.viewer.plots.maps import save_map
+        from pinflex.viewer.plots.maps import axes_of_map
 
         along = default_motion(mechanism)
         options: dict[str, Any] = {"count": min(count, 8), "preload": preload, "stiffness": False}
-        figure = save_map(pf.pose_map(mechanism, along=along, **options), args.map)
+        figure = Path(args.map)
+        axes_of_map(pf.pose_map(mechanism, along=along, **options), path=figure)
     return page, figure
 
 
@@ -224,11 +251,8 @@ def run_frf(args: argparse.Namespace) -> int:
     from pinflex.studies.pose import pose
 
     mechanism = load_model(args)
-    if args.output and Path(args.output).suffix.lower() != ".csv":
-        from pinflex.viewer.plots.drawing import check_figure
-
-        check_figure(args.output)
-    writable(args.output)
+    as_csv = str(args.output).lower().endswith(".csv")
+    check_files(None if as_csv else args.output, args.output)
     with working("finding the response"):
         study = pf.frequency_response(
             mechanism,

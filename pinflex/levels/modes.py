@@ -203,7 +203,7 @@ class Modes:
             ax: Where to draw; default: axes of a new figure.
         """
         if mode is None:
-            return door("viewer.plots.shapes", "plot_frequencies")(self, ax)
+            return door("viewer.plots.motions", "plot_frequencies")(self, ax)
         return door("studies.pose", "plot_shape")(self, mode, ax)
 
     def __str__(self) -> str:

@@ -328,11 +328,7 @@ class Samples:
 
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:
-    """The states of a result as a run of the mechanism that it came from.
-
-    Raises:
-        DescriptionError: Another mechanism: its coordinates differ.
-    """
+    """The states of a result as a run of the mechanism that it came from."""
     flexible = "eta" in result.arrays
     system = mechanism.flexible if flexible else mechanism.rigid
     parts = [("q", "eta"), ("v", "eta_v"), ("a", "eta_a")]

@@ -33,19 +33,6 @@ _NOTES = 5  # notes on one screen
 _ROUND_OFF = 1e-12  # [m | rad] of a metre-size mechanism: shown as zero
 
 
-def report(c: Comparison) -> Report:
-    """Everything: the answer, the levels, then all the rest."""
-    return Report(_title(c), (
-        *_head(c), _torque_table(c), drive_table(c.drives), _platform_table(c), _residual_table(c),
-        _stress_table(c), _frequency_table(c), _cost_table(c), _remarks(c),
-    ))  # fmt: skip
-
-
-def brief_text(c: Comparison) -> Report:
-    """One screen: the answer in words, the table of levels, the first notes."""
-    return Report(_title(c), (*_head(c), _remarks(c, _NOTES)))
-
-
 def _title(c: Comparison) -> str:
     return f"{c.name}: rigid against flexible"
 
@@ -339,16 +326,15 @@ def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
 
 def stress_row(label: str, run: Result, link: str, strength: float | None) -> StressRow:
     """The largest stress of a link."""
-    view = run.link(link)
-    when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
+    worst = run.worst_stress(link=link)
     return StressRow(
         level=label,
         link=link,
-        von_mises=float(view.von_mises[when, where]),
-        x=float(view.x[where]),
-        fraction=float(view.x[where] / view.length),
-        time=float(run.t[when]),
-        yield_share=None if strength is None else float(view.von_mises[when, where]) / strength,
+        von_mises=worst.value,
+        x=worst.x,
+        fraction=worst.x / run.link(link).length,
+        time=worst.t,
+        yield_share=None if strength is None else worst.value / strength,
     )
 
 
@@ -406,15 +392,22 @@ class Comparison(Reported):
         return json.dumps(asdict(self), indent=2, allow_nan=False)
 
     def as_report(self) -> Report:
-        """Everything, with its tables."""
-        return report(self)
+        """Everything: the answer, the levels, then all the rest."""
+        return Report(_title(self), (
+            *_head(self), _torque_table(self), drive_table(self.drives), _platform_table(self),
+            _residual_table(self), _stress_table(self), _frequency_table(self), _cost_table(self),
+            _remarks(self),
+        ))  # fmt: skip
+
+    def _screen(self) -> Report:
+        return Report(_title(self), (*_head(self), _remarks(self, _NOTES)))
 
     def brief(self) -> str:
         """The answer on one screen: in words, one table of levels, notes."""
-        return brief_text(self).text()
+        return self._screen().text()
 
     def _repr_html_(self) -> str:
-        return brief_text(self).html()
+        return self._screen().html()
 
 
 @public
@@ -539,9 +532,7 @@ def _residual_rows(
     for label, run in others.items():
         if label != "quasistatic":
             away = run.deviation_from(rigid, frame)
-            found = residual(away.t, away.position, stop, band, rest, period)
+            amplitude, settling = residual(away.t, away.position, stop, band, rest, period)
             watched = float(away.t[-1]) - stop
-            rows.append(
-                ResidualRow(label, frame, stop, watched, found.amplitude, band, found.settling)
-            )
+            rows.append(ResidualRow(label, frame, stop, watched, amplitude, band, settling))
     return tuple(rows)

@@ -11,7 +11,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.doors import door
 from pinflex.report import Table, table
-from pinflex.results.views import View, peak, rms
+from pinflex.results.views import Stored, View, peak, rms
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -48,50 +48,24 @@ class DriveView(View):
     result: Result
     name: str
 
-    @property
-    def motor_position(self) -> Array:
-        """Angle of the motor [rad], shape (nt,)."""
-        return self._field("motor_position")
-
-    @property
-    def motor_speed(self) -> Array:
-        """Speed of the motor [rad/s], shape (nt,)."""
-        return self._field("motor_speed")
-
-    @property
-    def motor_torque(self) -> Array:
-        """Torque of the motor: rotor, friction, and the gear with its losses [N m], (nt,)."""
-        return self._field("motor_torque")
-
-    @property
-    def motor_power(self) -> Array:
-        """Mechanical power of the motor [W], shape (nt,)."""
-        return self._field("motor_power")
-
-    @property
-    def position(self) -> Array:
-        """Position of the link behind the gear [rad | m], shape (nt,)."""
-        return self._field("position")
-
-    @property
-    def speed(self) -> Array:
-        """Speed of the link behind the gear [rad/s | m/s], shape (nt,)."""
-        return self._field("speed")
-
-    @property
-    def torque(self) -> Array:
-        """Torque that the gear gives out [N m | N], shape (nt,)."""
-        return self._field("torque")
-
-    @property
-    def power(self) -> Array:
-        """Power that the gear gives out [W], shape (nt,)."""
-        return self._field("power")
-
-    @property
-    def deflection(self) -> Array:
-        """Joint position minus motor position over the gear ratio [rad | m], shape (nt,)."""
-        return self._field("deflection")
+    motor_position = Stored("drive/NAME/motor_position")
+    """Angle of the motor [rad], shape (nt,)."""
+    motor_speed = Stored("drive/NAME/motor_speed")
+    """Speed of the motor [rad/s], shape (nt,)."""
+    motor_torque = Stored("drive/NAME/motor_torque")
+    """Torque of the motor: rotor, friction, and the gear with its losses [N m], (nt,)."""
+    motor_power = Stored("drive/NAME/motor_power")
+    """Mechanical power of the motor [W], shape (nt,)."""
+    position = Stored("drive/NAME/position")
+    """Position of the link behind the gear [rad | m], shape (nt,)."""
+    speed = Stored("drive/NAME/speed")
+    """Speed of the link behind the gear [rad/s | m/s], shape (nt,)."""
+    torque = Stored("drive/NAME/torque")
+    """Torque that the gear gives out [N m | N], shape (nt,)."""
+    power = Stored("drive/NAME/power")
+    """Power that the gear gives out [W], shape (nt,)."""
+    deflection = Stored("drive/NAME/deflection")
+    """Joint position minus motor position over the gear ratio [rad | m], shape (nt,)."""
 
     @property
     def limit_curve(self) -> Array:
@@ -108,9 +82,6 @@ class DriveView(View):
     def _meta(self) -> dict[str, Any]:
         found: dict[str, Any] = self.result.meta["drives"][self.name]
         return found
-
-    def _field(self, key: str) -> Array:
-        return self.result.array(f"drive/{self.name}/{key}")
 
 
 def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:

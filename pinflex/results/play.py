@@ -25,7 +25,7 @@ from pinflex.doors import door
 from pinflex.errors import DescriptionError
 from pinflex.report import Table
 from pinflex.report import table as report_table
-from pinflex.results.pose_map import AXES, Columns, column
+from pinflex.results.pose_map import AXES, Columns, column, of_poses
 from pinflex.text import brief, number
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class Play:
             axes: Which plane.
             ax: Where to draw; default: axes of a new figure.
         """
-        return door("viewer.plots.play", "axes_of_play")(self, axes, ax)
+        return door("viewer.plots.maps", "axes_of_play")(self, axes, ax)
 
     def as_table(self) -> Table:
         """Its reach along and about each axis, and what it is mostly by."""
@@ -250,14 +250,9 @@ class PlayMap:
         """A row for each pose: grid, status, error, the longest way [m], the largest turn [rad],
         and the reach along and about each axis to each side, the others free.
         """
-        places = np.meshgrid(*self.grid.values(), indexing="ij")
-        arrays = {n: column(p.reshape(-1).tolist()) for n, p in zip(self.grid, places, strict=True)}
-        errors, units = self.errors.reshape(-1), dict(self.units)
-        arrays["status"] = column(["failed" if error else "done" for error in errors])
-        arrays["error"] = column(list(errors))
-        plays = list(self.plays.reshape(-1))
+        arrays, units = of_poses(self.grid, self.errors), dict(self.units)
         names = ("play", "play.turn", *(f"play.{axis}" for axis in AXES))
-        rows = [_numbers(each) for each in plays]
+        rows = [_numbers(each) for each in self.plays.reshape(-1)]
         for k, name in enumerate(names):
             arrays[name] = column([row[k] for row in rows])
             units[name] = "rad" if k == 1 or k > 4 else "m"
@@ -269,7 +264,7 @@ class PlayMap:
         Args:
             ax: Where to draw; default: axes of a new figure.
         """
-        return door("viewer.plots.play", "axes_of_plays")(self, ax)
+        return door("viewer.plots.maps", "axes_of_plays")(self, ax)
 
 
 def _numbers(play: Play | None) -> list[float]:

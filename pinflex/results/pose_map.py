@@ -183,13 +183,8 @@ class PoseMap:
         along B, the other displacements zero; "1/C_AA (others free)" the force per displacement
         along its own axis, nothing else held. inf where the platform is rigid.
         """
-        places = np.meshgrid(*self.grid.values(), indexing="ij")
-        errors = self.errors.reshape(-1)
-        arrays = {n: column(p.reshape(-1).tolist()) for n, p in zip(self.grid, places, strict=True)}
-        arrays["status"] = column(["failed" if error else "done" for error in errors])
-        arrays["error"] = column(list(errors))
-        units = dict(self.units)
-        for k, row in enumerate(self.frequencies.reshape(len(errors), -1).T, 1):
+        arrays, units = of_poses(self.grid, self.errors), dict(self.units)
+        for k, row in enumerate(self.frequencies.reshape(self.errors.size, -1).T, 1):
             arrays[f"frequency.{k}"], units[f"frequency.{k}"] = column(row.tolist()), "Hz"
         arrays["agreement"] = column(self.agreement.reshape(-1).tolist())
         C = self.compliance.reshape(-1, 6, 6)
@@ -225,6 +220,16 @@ class PoseMap:
         every = np.diagonal(self.compliance, axis1=-2, axis2=-1).reshape(-1, 6)
         every = every[np.isfinite(every).all(axis=1)]
         return tuple(a for a, C in zip(AXES, every.T, strict=True) if len(C) and not C.any())
+
+
+def of_poses(grid: Mapping[str, Array], errors: Any) -> dict[str, Column]:
+    """First columns of a table of poses: the place in the grid, status and error."""
+    places = np.meshgrid(*grid.values(), indexing="ij")
+    every = errors.reshape(-1)
+    return {n: column(p.reshape(-1).tolist()) for n, p in zip(grid, places, strict=True)} | {
+        "status": column(["failed" if error else "done" for error in every]),
+        "error": column(list(every)),
+    }
 
 
 def held(i: int, j: int) -> str:

@@ -23,20 +23,6 @@ _LEAST = 8  # instants after the stop that a vibration can be read from
 _STILL = 1e-9  # a rigid frame that moves by less of its way after the stop is at rest
 
 
-@dataclass(frozen=True)
-class Residual:
-    """Vibration of a frame after the rigid motion has stopped.
-
-    Attributes:
-        amplitude: Largest distance of the frame from where it comes to rest [m].
-        settling: Time after the stop from which on it stays within the band [s]; None: not
-            within this run.
-    """
-
-    amplitude: float
-    settling: float | None
-
-
 def stops(rigid: Result, frame: str, stop: float) -> bool:
     """True if the rigid frame rests from the instant `stop` [s] to the end, long enough to read."""
     after = rigid.t >= stop * (1 - 1e-9)
@@ -53,8 +39,8 @@ def residual(
     band: float,
     rest: Array | None = None,
     period: float = 0.0,
-) -> Residual:
-    """Amplitude about the rest and settling time of a deviation."""
+) -> tuple[float, float | None]:
+    """Amplitude about the rest [m] and settling time [s] of a deviation, see `ResidualRow`."""
     after = t >= stop * (1 - 1e-9)
     t, away = t[after], away[after]
     if rest is None:
@@ -63,12 +49,12 @@ def residual(
     distance = np.linalg.norm(away - rest, axis=1)
     amplitude, beyond = float(distance.max()), np.flatnonzero(distance > band)
     if not len(beyond):
-        return Residual(amplitude, 0.0)
+        return amplitude, 0.0
     k = int(beyond[-1])
     if k == len(t) - 1 or t[-1] - t[k] < period / 2:
-        return Residual(amplitude, None)
+        return amplitude, None
     share = (distance[k] - band) / (distance[k] - distance[k + 1])
-    return Residual(amplitude, float(t[k] + share * (t[k + 1] - t[k]) - stop))
+    return amplitude, float(t[k] + share * (t[k + 1] - t[k]) - stop)
 
 
 TOL = 0.05  # of the largest torque or deviation, by which a level that suffices may differ

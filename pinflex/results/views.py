@@ -14,6 +14,7 @@ from pinflex.description.section import SHAPES, Section
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.report import card, grid
+from pinflex.results.quantities import key_of
 from pinflex.rotations import rotation_vector
 from pinflex.text import brief
 
@@ -237,6 +238,22 @@ def statistics(
     return found
 
 
+class Stored(property):
+    """An attribute of a view that is one array of its result."""
+
+    def __init__(self, key: str) -> None:
+        """`key`: flat, with NAME for the name of the view."""
+        row = key_of(key)
+        assert row is not None
+        unit = f" [{row.unit}]" if row.unit else ""
+        doc = f"{row.meaning[0].upper()}{row.meaning[1:]}{unit}, shape {row.shape}."
+        super().__init__(lambda view: view.result.array(key.replace("NAME", view.name)), doc=doc)
+
+    if TYPE_CHECKING:
+
+        def __get__(self, view: Any, owner: Any = None, /) -> Array: ...  # type: ignore[override]
+
+
 class View:
     """What the views of a result share: their kind, and the keys of their arrays by attribute."""
 
@@ -373,25 +390,14 @@ class FrameView(View):
     result: Result
     name: str
 
-    @property
-    def position(self) -> Array:
-        """Origin [m], shape (nt, 3)."""
-        return self.result.array(f"frame/{self.name}/position")
-
-    @property
-    def rotation(self) -> Array:
-        """Rotation matrices world <- frame, shape (nt, 3, 3)."""
-        return self.result.array(f"frame/{self.name}/rotation")
-
-    @property
-    def velocity(self) -> Array:
-        """Velocity of the origin [m/s], then angular velocity [rad/s], shape (nt, 6)."""
-        return self.result.array(f"frame/{self.name}/velocity")
-
-    @property
-    def acceleration(self) -> Array:
-        """Acceleration of the origin [m/s^2], then angular [rad/s^2], shape (nt, 6)."""
-        return self.result.array(f"frame/{self.name}/acceleration")
+    position = Stored("frame/NAME/position")
+    """Origin [m], shape (nt, 3)."""
+    rotation = Stored("frame/NAME/rotation")
+    """Rotation matrices world <- frame, shape (nt, 3, 3)."""
+    velocity = Stored("frame/NAME/velocity")
+    """Velocity of the origin [m/s], then angular velocity [rad/s], shape (nt, 6)."""
+    acceleration = Stored("frame/NAME/acceleration")
+    """Acceleration of the origin [m/s^2], then angular [rad/s^2], shape (nt, 6)."""
 
     def away_from(self, position: Array, rotation: Array) -> Deviation:
         """Deviation from other poses at the same instants, shapes (nt, 3) and (nt, 3, 3)."""
@@ -413,49 +419,30 @@ class LinkView(View):
     result: Result
     name: str
 
-    @property
-    def x(self) -> Array:
-        """Stations along the undeformed link [m], shape (nx,)."""
-        return self._field("x")
+    x = Stored("link/NAME/x")
+    """Stations along the undeformed link [m], shape (nx,)."""
 
     @property
     def length(self) -> float:
         """Undeformed span [m]."""
         return float(self.result.meta["links"][self.name]["length"])
 
-    @property
-    def deflection(self) -> Array:
-        """Displacements u v w [m] and rotations rx ry rz [rad], shape (nt, nx, 6)."""
-        return self._field("deflection")
-
-    @property
-    def resultant(self) -> Array:
-        """Section forces N Vy Vz [N] and moments T My Mz [N m], shape (nt, nx, 6)."""
-        return self._field("resultant")
-
-    @property
-    def von_mises(self) -> Array:
-        """Largest von Mises stress of each section [Pa], shape (nt, nx)."""
-        return self._field("stress/von_mises")
-
-    @property
-    def centreline(self) -> Array:
-        """Deformed centre line in the world frame [m], shape (nt, nx, 3)."""
-        return self._field("centreline")
-
-    @property
-    def centreline_rigid(self) -> Array:
-        """Centre line of the same instant were the link rigid [m], shape (nt, nx, 3)."""
-        return self._field("centreline_rigid")
-
-    @property
-    def section_y(self) -> Array:
-        """World direction of the y axis of each section, shape (nt, nx, 3)."""
-        return self._field("section_y")
+    deflection = Stored("link/NAME/deflection")
+    """Displacements u v w [m] and rotations rx ry rz [rad], shape (nt, nx, 6)."""
+    resultant = Stored("link/NAME/resultant")
+    """Section forces N Vy Vz [N] and moments T My Mz [N m], shape (nt, nx, 6)."""
+    von_mises = Stored("link/NAME/stress/von_mises")
+    """Largest von Mises stress of each section [Pa], shape (nt, nx)."""
+    centreline = Stored("link/NAME/centreline")
+    """Deformed centre line in the world frame [m], shape (nt, nx, 3)."""
+    centreline_rigid = Stored("link/NAME/centreline_rigid")
+    """Centre line of the same instant were the link rigid [m], shape (nt, nx, 3)."""
+    section_y = Stored("link/NAME/section_y")
+    """World direction of the y axis of each section, shape (nt, nx, 3)."""
 
     def stress(self, kind: str = "von_mises") -> Array:
         """Stress [Pa] by kind: normal, axial, bending, shear or von_mises; shape (nt, nx)."""
-        return self._field(f"stress/{kind}")
+        return self.result.array(f"link/{self.name}/stress/{kind}")
 
     def point_stress(self, y: float, z: float, warping: bool = True) -> PointStress:
         """Stress over time at one point of every section.
@@ -465,9 +452,6 @@ class LinkView(View):
             warping: St-Venant's shear of the section; False: plane sections.
         """
         return point_stress(self.result, self.name, y, z, warping)
-
-    def _field(self, key: str) -> Array:
-        return self.result.array(f"link/{self.name}/{key}")
 
 
 @dataclass(frozen=True)
@@ -480,10 +464,8 @@ class LoopView(View):
     result: Result
     name: str
 
-    @property
-    def wrench(self) -> Array:
-        """Force [N] and moment about the origin of frame b [N m], shape (nt, 6)."""
-        return self.result.array(f"loop/{self.name}/wrench")
+    wrench = Stored("loop/NAME/wrench")
+    """Force [N] and moment about the origin of frame b [N m], shape (nt, 6)."""
 
     @property
     def force(self) -> Array:

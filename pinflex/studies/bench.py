@@ -118,11 +118,7 @@ class Bench:
 @barred
 @one_blas_thread()
 def bench(mechanism: Mechanism, progress: Progress = None) -> Bench:
-    """Run all cases of a scene against its converged solution.
-
-    Raises:
-        DescriptionError: Nothing is flexible. SceneError: No converged solution.
-    """
+    """Run all cases of a scene against its converged solution."""
     tell = callback(progress)
     if not mechanism.flexible.n_eta:
         raise DescriptionError(

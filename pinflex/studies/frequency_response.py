@@ -19,7 +19,6 @@ from pinflex.actuation.path import plain_motion
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.laws import table
-from pinflex.description.motions.motion import Motion
 from pinflex.description.motions.trajectory import KINDS, TOLERATED, Shaper, shaper
 from pinflex.errors import DescriptionError, nearest
 from pinflex.inversion.linear_model import LinearModel, linearise
@@ -458,10 +457,10 @@ class ShaperRow:
 
 
 def shapers(
-    mechanism: Mechanism, motion: Motion | None = None, modes: int | None = None
+    mechanism: Mechanism, modes: int | None = None
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
-    """What ZV, ZVD and EI would do for the vibrations that a motion excites."""
-    found = ringing(mechanism, plain_motion(mechanism) if motion is None else motion, modes)
+    """What ZV, ZVD and EI would do for the vibrations that the motion of the YAML excites."""
+    found = ringing(mechanism, plain_motion(mechanism), modes)
     return found, tuple(_row(kind, found) for kind in KINDS)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -24,6 +24,9 @@ Beside = Callable[[Result, Result | None], Mapping[str, float]]
 OUTPUTS = ("torque", "deviation", "stress", "frequency", "cost", "validity")
 _FREQUENCIES = 6
 _UNITS = {
+    "mass": "kg",
+    "sag": "m",
+    "deviation.peak": "m",
     "deviation.position": "m",
     "deviation.rotation": "rad",
     "stress.peak": "Pa",
@@ -103,11 +106,18 @@ def prismatic(description: Description) -> frozenset[str]:
     )
 
 
-def unit(name: str, slides: frozenset[str] = frozenset()) -> str:
-    """Unit of an output as a heading says it, "" where it has none."""
-    if name.startswith("torque."):
-        return joint_unit("torque", name.split(".", 2)[-1] in slides)
-    return "Hz" if name.startswith("frequency.") else _UNITS.get(name, "")
+def unit(name: str, slides: frozenset[str] = frozenset(), motors: Sequence[str] = ()) -> str:
+    """Unit of an output as a heading says it, "" where it has none; `motors`: where it is of all.
+
+    Those of `scene_outputs`, and of `pinflex.variation.evaluator`.
+    """
+    head, _, rest = name.partition(".")
+    if head == "torque":
+        of = [rest.partition(".")[2]] if "." in rest else motors
+        return " | ".join(dict.fromkeys(joint_unit("torque", motor in slides) for motor in of))
+    if head == "stiffness":
+        return "N m/rad" if rest.startswith("r") else "N/m"
+    return "Hz" if head == "frequency" else _UNITS.get(name, "")
 
 
 def _rigid(mechanism: Mechanism, run: Result, options: Mapping[str, Any]) -> Result | None:

@@ -26,7 +26,7 @@ from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.recovery.meta import describe
 from pinflex.recovery.recover import recover
 from pinflex.results.result import Result
-from pinflex.viewer.plots.shapes import shape_axes
+from pinflex.viewer.plots.motions import shape_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,13 +38,10 @@ _FAR = 1000  # [rad | m] from home; a closed pose is sought every stride
 
 
 def pose(mechanism: Mechanism, motors: Mapping[str, float]) -> Array:
-    """Rigid configuration with motors at given positions; the rest stay at home.
+    """Rigid configuration (nq,) with motors at given positions; the rest stay at home.
 
     The loops are followed in small moves from home, so the branch is kept, and a singular pose on
     the way is found.
-
-    Returns:
-        q of the rigid mechanism, shape (nq,).
     """
     names = list(mechanism.description.actuated)
     for name, value in motors.items():

@@ -418,7 +418,7 @@ def write(
 ) -> list[Path]:
     """Write table, figures and animation; returns the files. The runs are written by `keep`."""
     from pinflex.viewer.plots.axes import save_all
-    from pinflex.viewer.view import write_runs_html
+    from pinflex.viewer.view import write_html
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "comparison.txt", folder / "comparison.json"]
@@ -437,7 +437,7 @@ def write(
         shown = {**done.runs, **done.partial} if drawn is None else drawn
         levels = {level: shown[level] for level in LEVELS if level in shown}
         files.append(
-            write_runs_html(
+            write_html(
                 levels,
                 folder / "animation.html",
                 rigid=None if rigid is None else shown["rigid"],

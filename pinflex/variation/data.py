@@ -17,6 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 
@@ -28,9 +29,9 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.tree import sliding
+from pinflex.report import Table, table
 from pinflex.results.result import Result
-from pinflex.text import number, table
-from pinflex.variation.measured import Panel, differences
+from pinflex.variation.measured import Comparison, Panel, differences
 from pinflex.variation.peaks import STEP, ModalState
 from pinflex.variation.variants import Variants, keys
 
@@ -41,7 +42,7 @@ _MORE = 6  # calculated modes beyond twice the measured ones, among which pairs 
 
 
 @dataclass(frozen=True)
-class ModalData:
+class ModalData(Comparison):
     """Frequencies [Hz], shape (m,), and shapes (m, sensors).
 
     Attributes:
@@ -59,11 +60,6 @@ class ModalData:
     shapes: Array | None
     shape_std: float | None
     modes: IntArray | None
-
-    @property
-    def told(self) -> bool:
-        """Whether the standard deviations are known."""
-        return self.std is not None
 
     @property
     def leads(self) -> bool:
@@ -103,14 +99,18 @@ class ModalData:
     def _last(self) -> int:
         return 0 if self.modes is None else int(np.max(self.modes)) + 1
 
+    def _model(self, mechanism: Mechanism) -> tuple[Array, IntArray, Array, Array]:
+        """Calculated frequencies [Hz], and what `_paired` gives."""
+        state = ModalState(mechanism)
+        places, mac, calculated = self._paired(state, mechanism)
+        return state.frequencies[state.elastic][places], places, mac, calculated
+
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
         """Residuals of frequencies, then of shapes if they have a standard deviation.
 
         From afar shapes count as much as frequencies do.
         """
-        state = ModalState(mechanism)
-        places, _, calculated = self._paired(state, mechanism)
-        f = state.frequencies[state.elastic][places]
+        f, places, _, calculated = self._model(mechanism)
         first = (f - self.frequencies) / self._std
         shape_std = self.shape_std
         if coarse and shape_std is None:
@@ -144,30 +144,33 @@ class ModalData:
 
     def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
         """Measured over calculated frequencies."""
-        state = ModalState(mechanism)
-        f = state.frequencies[state.elastic][self._paired(state, mechanism)[0]]
-        return [("frequency", "Hz", self.frequencies / np.maximum(f, 1e-12))]
+        return [
+            ("frequency", "Hz", self.frequencies / np.maximum(self._model(mechanism)[0], 1e-12))
+        ]
+
+    def table(self, mechanism: Mechanism) -> Table:
+        """Measured and calculated frequencies, and how well shapes agree."""
+        f, places, mac, _ = self._model(mechanism)
+        rows = zip(places + 1, self.frequencies, f, mac, strict=True)
+        return table(
+            "Natural frequencies [Hz]", rows, ("mode", itemgetter(0)), ("measured", itemgetter(1)),
+            ("model", itemgetter(2)),
+            ("apart", lambda row: f"{100 * (row[2] / row[1] - 1):+.2f} %"),
+            ("MAC", lambda row: "-" if np.isnan(row[3]) else f"{row[3]:.3f}"), names=(6,),
+        )  # fmt: skip
 
     def text(self, mechanism: Mechanism) -> str:
-        """Measured and calculated frequencies, and how well shapes agree."""
-        state = ModalState(mechanism)
-        places, mac, _ = self._paired(state, mechanism)
-        f = state.frequencies[state.elastic][places]
-        rows = [
-            [str(p + 1), number(a), number(b), f"{100 * (b / a - 1):+.2f} %",
-             "-" if np.isnan(c) else f"{c:.3f}"]
-            for p, a, b, c in zip(places, self.frequencies, f, mac, strict=True)
-        ]  # fmt: skip
-        text = table("Natural frequencies [Hz]", "mode|measured|model|apart|MAC", rows, (6,))
-        doubt = [str(p + 1) for p, c in zip(places, mac, strict=True) if c < _DOUBT]
-        if doubt:
-            text += f"\nShapes that hardly agree: mode {', '.join(doubt)}. Look at these rows."
-        return text
+        """The table, and the modes whose shapes hardly agree."""
+        made = self.table(mechanism)
+        doubt = [str(place) for place, *_, mac in made.records if mac < _DOUBT]
+        if not doubt:
+            return made.text()
+        modes = f"Shapes that hardly agree: mode {', '.join(doubt)}. Look at these rows."
+        return f"{made.text()}\n{modes}"
 
     def panels(self, mechanism: Mechanism) -> list[Panel]:
         """Measured and calculated frequencies."""
-        state = ModalState(mechanism)
-        f = state.frequencies[state.elastic][self._paired(state, mechanism)[0]]
+        f = self._model(mechanism)[0]
         number_of = np.arange(1.0, len(f) + 1)
         return [Panel("natural frequencies", "row", "Hz", number_of, self.frequencies, f, self.std)]
 
@@ -232,31 +235,8 @@ _LIKE = 0.5  # correlation of two histories from which their sizes can be compar
 _SAMPLES = 41  # at least, of a run whose measured times are not equal: cubic between its steps
 
 
-class _Sampled:
-    """Measured samples, each with a residual of its own."""
-
-    std: Array | None
-
-    def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
-        """Residuals."""
-        raise NotImplementedError
-
-    @property
-    def told(self) -> bool:
-        """Whether the standard deviations are known."""
-        return self.std is not None
-
-    def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
-        """None."""
-        return []
-
-    def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
-        """By the logarithms of the parameters."""
-        return differences(self.rows, designs, values)
-
-
 @dataclass(frozen=True)
-class ResponseData(_Sampled):
+class ResponseData(Comparison):
     """Frequency responses.
 
     Attributes:
@@ -300,16 +280,15 @@ class ResponseData(_Sampled):
             apart = (H - self.values) / self._std
         return np.concatenate([apart.real.ravel(), apart.imag.ravel()])
 
-    def text(self, mechanism: Mechanism) -> str:
+    def table(self, mechanism: Mechanism) -> Table:
         """How far the responses are apart."""
-        apart = np.abs(self._model(mechanism) - self.values)
-        size = np.abs(self.values)
-        rows = [
-            [f"{o}/{i}", number(float(np.max(size[:, k]))),
-             f"{100 * np.sqrt(np.mean(apart[:, k] ** 2) / np.mean(size[:, k] ** 2)):.2g} %"]
-            for k, (o, i) in enumerate(self.pairs)
-        ]  # fmt: skip
-        return table("Frequency responses", "response|largest|rms apart", rows, (36,))
+        apart, size = np.abs(self._model(mechanism) - self.values), np.abs(self.values)
+        shares = np.sqrt(np.mean(apart**2, axis=0) / np.mean(size**2, axis=0))
+        return table(
+            "Frequency responses", zip(self.pairs, np.max(size, axis=0), shares, strict=True),
+            ("response", lambda row: "/".join(row[0])), ("largest", itemgetter(1)),
+            ("rms apart", lambda row: f"{100 * row[2]:.2g} %"), names=(36,),
+        )  # fmt: skip
 
     def panels(self, mechanism: Mechanism) -> list[Panel]:
         """Magnitudes in dB."""
@@ -321,7 +300,7 @@ class ResponseData(_Sampled):
 
 
 @dataclass(frozen=True)
-class HistoryData(_Sampled):
+class HistoryData(Comparison):
     """Time histories.
 
     Attributes:
@@ -336,11 +315,6 @@ class HistoryData(_Sampled):
     std: Array | None
     level: str | None
     dt: float | None
-
-    @property
-    def leads(self) -> bool:
-        """No other rows."""
-        return False
 
     @cached_property
     def _std(self) -> Array:
@@ -378,15 +352,15 @@ class HistoryData(_Sampled):
         """All samples of all columns."""
         return np.asarray(((self._model(mechanism) - self.values) / self._std).ravel())
 
-    def text(self, mechanism: Mechanism) -> str:
+    def table(self, mechanism: Mechanism) -> Table:
         """How far the histories are apart."""
         apart = np.sqrt(np.mean((self._model(mechanism) - self.values) ** 2, axis=0))
-        swing = np.ptp(self.values, axis=0)
-        rows = [
-            [name, number(float(s)), number(float(a))]
-            for name, s, a in zip(self.names, swing, apart, strict=True)
-        ]
-        return table("Time histories, SI units", "column|swing|rms apart", rows, (36,))
+        return table(
+            "Time histories, SI units",
+            zip(self.names, np.ptp(self.values, axis=0), apart, strict=True),
+            ("column", itemgetter(0)), ("swing", itemgetter(1)), ("rms apart", itemgetter(2)),
+            names=(36,),
+        )  # fmt: skip
 
     def panels(self, mechanism: Mechanism) -> list[Panel]:
         """The histories."""

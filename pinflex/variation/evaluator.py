@@ -17,12 +17,11 @@ from pinflex.description.description import Description
 from pinflex.errors import DescriptionError, SceneError, nearest
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.pose_map import AXES, free_stiffness
-from pinflex.results.quantities import joint_unit
 from pinflex.results.result import Result
 from pinflex.studies.batch import keys as case_keys
 from pinflex.studies.batch import run
 from pinflex.studies.checking.parts import statics
-from pinflex.studies.outputs import prismatic, scene_outputs
+from pinflex.studies.outputs import prismatic, scene_outputs, unit
 from pinflex.studies.pose import platform_compliance
 from pinflex.variation.design import Design, kkt
 from pinflex.variation.peaks import over_time
@@ -60,21 +59,7 @@ def of_a_run(name: str) -> bool:
 def units(names: Iterable[str], description: Description) -> dict[str, str]:
     """Units of outputs by name, as in the head of this file; "" where there is none."""
     slides = prismatic(description)
-    each = {motor: joint_unit("torque", motor in slides) for motor in description.actuated}
-    return {name: _unit(name, each) for name in names}
-
-
-def _unit(name: str, motors: Mapping[str, str]) -> str:
-    head, _, rest = name.partition(".")
-    if head == "torque":  # of one motor, or the largest of all
-        motor = rest.partition(".")[2]
-        return motors[motor] if motor in motors else " | ".join(dict.fromkeys(motors.values()))
-    if head == "stiffness":
-        return "N m/rad" if rest.startswith("r") else "N/m"
-    if name == "deviation.rotation":
-        return "rad"
-    units = {"frequency": "Hz", "mass": "kg", "sag": "m", "deviation": "m", "stress": "Pa"}
-    return "" if name == "stress.yield" else units[head]
+    return {name: unit(name, slides, description.actuated) for name in names}
 
 
 def check_names(names: Iterable[str], mechanism: Mechanism) -> tuple[str, ...]:
@@ -153,11 +138,6 @@ def _of_all_motors(found: Mapping[str, float]) -> dict[str, float]:
     return {kind: max(values) for kind, values in each.items() if values}
 
 
-def _mass(mechanism: Mechanism) -> dict[str, float]:
-    bodies = mechanism.flexible.expansion.model.inertias
-    return {"mass": float(sum(body.mass for body in bodies))}
-
-
 def _stiffness(mechanism: Mechanism) -> dict[str, float]:
     values = free_stiffness(platform_compliance(mechanism))
     return {f"stiffness.{axis}": float(k) for axis, k in zip(AXES, values, strict=True)}
@@ -169,7 +149,11 @@ def _sag(mechanism: Mechanism) -> dict[str, float]:
 
 
 # Outputs that need neither modes nor a run.
-_OF_HOME = {"mass": _mass, "sag": _sag, "stiffness": _stiffness}
+_OF_HOME: dict[str, Callable[[Mechanism], dict[str, float]]] = {
+    "mass": lambda m: {"mass": float(sum(x.mass for x in m.flexible.expansion.model.inertias))},
+    "sag": _sag,
+    "stiffness": _stiffness,
+}
 
 
 def _numbers(values: Mapping[str, object]) -> dict[str, float]:

@@ -480,7 +480,7 @@ class _Problem:
         for _ in range(1 if told or not priors else _TURNS):
             if not told and priors:
                 self.scale = _scale(self.data_rows(x), len(x))
-            x = self._least(x)
+            x = self._search(x, self.rows, self.jacobian, _STOP)
         rows = self.data_rows(x)
         if not told:
             self.scale = _scale(rows, len(x))
@@ -499,9 +499,6 @@ class _Problem:
             )
 
         return self._search(x, lambda x: self.rows(x, True), slope, _NEAR)
-
-    def _least(self, x: Array) -> Array:
-        return self._search(x, self.rows, self.jacobian, _STOP)
 
     def _search(
         self, x: Array, rows: Callable[[Array], Array], slope: Callable[[Array], Array], stop: float

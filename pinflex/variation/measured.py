@@ -16,13 +16,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.report import Table
 from pinflex.variation.variants import Variants, keys
 
 Columns = dict[str, Array]
@@ -173,41 +174,50 @@ class Panel:
     std: Array | None = None
 
 
-class Comparison(Protocol):
-    """Measurements of one kind."""
+class Comparison:
+    """Measurements of one kind; `std`: standard deviations, or None."""
+
+    std: Array | None
 
     @property
     def told(self) -> bool:
         """Whether the standard deviations are known."""
+        return self.std is not None
 
     @property
     def leads(self) -> bool:
         """Whether there are other rows that lead to the right place from afar."""
+        return False
 
     def rows(self, mechanism: Mechanism, coarse: bool = False) -> Array:
         """Residuals (model - measured) in standard deviations, or in shares of a size.
 
-        Args:
-            mechanism: The model.
-            coarse: Those that lead from afar, if there are others for that.
+        `coarse`: those that lead from afar, if there are others for that.
         """
+        raise NotImplementedError
 
     def jacobian(self, designs: Variants, values: Mapping[str, float], base: Mechanism) -> Array:
         """Derivatives of the rows by the logarithms of the parameters, shape (rows, n).
 
-        Args:
-            designs: The parameters.
-            values: Where, by key. base: The design there.
+        `values`: where, by key; `base`: the design there.
         """
+        return differences(self.rows, designs, values)
 
     def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
         """What tells a wrong unit: name, unit that is meant, measured over calculated values."""
+        return []
 
-    def text(self, mechanism: Mechanism) -> str:
+    def table(self, mechanism: Mechanism) -> Table:
         """Measured and calculated numbers, for people."""
+        raise NotImplementedError
 
     def panels(self, mechanism: Mechanism) -> list[Panel]:
         """The same for a plot."""
+        raise NotImplementedError
+
+    def text(self, mechanism: Mechanism) -> str:
+        """The same in words."""
+        return self.table(mechanism).text()
 
 
 def wrong_units(ratios: list[tuple[str, str, Array]]) -> list[str]:

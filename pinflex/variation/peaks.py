@@ -67,9 +67,7 @@ def extrapolated(
     """d ln(output) / d ln(parameter) by central differences, extrapolated to h = 0.
 
     The difference is of logarithms, exact for a power law; of the values where they change sign.
-
-    Returns:
-        The derivatives and their estimated errors, by name.
+    With the estimated errors, by name.
     """
     sides = {h: (outputs(-h), outputs(h)) for h in (part * step for part in _PARTS[:steps])}
     slopes, errors = {}, {}
@@ -102,11 +100,7 @@ def _slope(below: float, above: float, h: float) -> float:
 def of_frequencies(
     base: Mechanism, at: At, count: int, step: float = STEP
 ) -> tuple[Array, Array, Array]:
-    """d ln(frequency) / d ln(parameter) of the lowest modes, implicitly.
-
-    Returns:
-        Frequencies [Hz], shape (count,); their derivatives and estimated errors, shape (count,).
-    """
+    """Lowest frequencies [Hz], their d ln(frequency) / d ln(parameter), implicitly, and errors."""
     state = ModalState(base)
     slope, error = _romberg(
         [state.derivatives(at, part * step) for part in _PARTS], step, _ROUND_OFF
@@ -357,11 +351,7 @@ class Peaks:
     """
 
     def __init__(self, base: Mechanism, names: Iterable[str], level: str | None) -> None:
-        """Run the first design and find its peaks.
-
-        Raises:
-            SceneError: It cannot be solved.
-        """
+        """Run the first design and find its peaks."""
         self.base, self.steps = base, SameSteps(base, level)
         self._names = tuple(names)
         self._rigid = self._reference()

@@ -23,11 +23,7 @@ _Element = ElementTree.Element
 
 
 def read_collada(path: Path) -> tuple[Array, IntArray]:
-    """Vertices [m], shape (n, 3), and triangles, shape (m, 3), z up.
-
-    Raises:
-        ValueError, ElementTree.ParseError: The file is not what it should be.
-    """
+    """Vertices [m], shape (n, 3), and triangles, shape (m, 3), z up."""
     root = ElementTree.parse(path).getroot()
     for element in root.iter():  # names without the namespace
         element.tag = element.tag.rpartition("}")[2]

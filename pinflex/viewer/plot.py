@@ -6,6 +6,7 @@ Every function returns a matplotlib Figure: no window, no global state.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.results.views import Deviation, LinkView
-from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, aligned, panels, title
+from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, aligned, panels, stack, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -173,12 +174,9 @@ def deviation(
 
 def distance(away: Deviation, calm: Deviation | None = None, heading: str = "") -> Figure:
     """Position and rotation of a deviation, in mm and mrad or in thousandths of them."""
-    figure, axes = panels(2, 1, sharex=True)
-    for ax, part in zip(axes[:, 0], ("position", "rotation"), strict=True):
-        draw_distance(ax, away, part, calm)
-        ax.label_outer()
-    title(axes[0, 0], heading)
-    aligned(*axes[:, 0])
+    parts = [partial(draw_distance, away=away, part=part, calm=calm) for part in _PARTS]
+    figure = stack(parts, room=Room(), legend=None)
+    title(figure.axes[0], heading)
     return figure
 
 
@@ -248,11 +246,11 @@ def draw_stress(ax: Axes, view: LinkView, top: float) -> Any:
     image.set_data(t, x, view.von_mises.T / 1e6)
     ax.add_image(image)
     ax.set(xlim=(t[0], t[-1]), ylim=(x[0], x[-1]))
-    when, where = np.unravel_index(int(np.argmax(view.von_mises)), view.von_mises.shape)
-    spot = (view.result.t[when], 1e3 * view.x[where])
+    worst = view.result.worst_stress(link=view.name)
+    spot = worst.t, 1e3 * worst.x
     for colour, width in (("white", 2.6), ("black", 1.0)):  # seen on any colour, and outside
         ax.plot(*spot, "o", mfc="none", mec=colour, ms=6, mew=width, clip_on=False, zorder=5)
-    title(ax, f"{view.name}: {peak(view.von_mises) / 1e6:.3g} MPa at {spot[0]:.4g} s")
+    title(ax, f"{view.name}: {worst.value / 1e6:.3g} MPa at {worst.t:.4g} s")
     ax.set_ylabel("x [mm]")
     return image
 

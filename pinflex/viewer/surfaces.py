@@ -34,11 +34,7 @@ _FLAT = 0.02  # directions in which the planes of a cell are this much weaker sa
 
 
 def simplify(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
-    """The mesh with at most `most` triangles; one that is small enough comes back whole.
-
-    Returns:
-        Vertices and faces.
-    """
+    """Vertices and faces with at most `most` triangles; a mesh that is small enough is whole."""
     if len(faces) <= most:
         return vertices, faces
     low, span = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())

@@ -35,7 +35,7 @@ from pinflex.results.result import Result
 from pinflex.results.views import Deviation
 from pinflex.text import brief
 from pinflex.viewer.links import FIELDS
-from pinflex.viewer.scene import build_scene, build_scenes, mode_scene, strength
+from pinflex.viewer.scene import build_scenes, mode_scene, strength
 from pinflex.writing import write_text
 
 if TYPE_CHECKING:
@@ -159,43 +159,7 @@ media-src blob:; base-uri 'none'; form-action 'none'">
 
 
 def write_html(
-    result: Result,
-    path: str | Path,
-    *,
-    field: str = "von_mises",
-    scale: float | str = "auto",
-    title: str | None = None,
-    rigid: Result | None = None,
-    limit: float | None = None,
-    meshes: Sequence[str | Path] | None = (),
-) -> Path:
-    """Write one page that plays a run; it needs no network, no server and no pinflex to be read.
-
-    Returns:
-        The file written.
-    """
-    page = _settings([result], field, limit)
-    scene = build_scene(result, rigid, _scale(scale), meshes)
-    return _write([scene], path, title or scene["name"], page)
-
-
-def write_modes_html(
-    shapes: Iterable[tuple[float, Result]], path: str | Path, title: str | None = None
-) -> Path:
-    """Write one page with a picker of mode shapes, played by the same player."""
-    bare: dict[str, Any] = {"forces": [], "torques": [], "plots": [], "track": None}
-    scenes = [
-        mode_scene(result) | {"mode": {"frequency": float(frequency)}} | bare
-        for frequency, result in shapes
-    ]
-    if not scenes:
-        raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
-    page = {"field": "displacement", "limit": None}
-    return _write(scenes, path, title or f"{scenes[0]['name']}: mode shapes", page)
-
-
-def write_runs_html(
-    runs: Mapping[str, Result],
+    runs: Result | Mapping[str, Result],
     path: str | Path,
     *,
     field: str = "von_mises",
@@ -207,18 +171,38 @@ def write_runs_html(
     first: str | None = None,
     off_path: Mapping[str, Deviation] | None = None,
 ) -> Path:
-    """Write one page on which runs of one mechanism are switched, overlaid and subtracted."""
-    if not runs:
+    """Write one page that plays a run; it needs no network, no server and no pinflex to be read.
+
+    Several runs of one mechanism, by the words that it shows, are switched, overlaid, subtracted.
+
+    Returns:
+        The file written.
+    """
+    labels = () if isinstance(runs, Result) else tuple(runs)
+    results = [runs] if isinstance(runs, Result) else list(runs.values())
+    if not results:
         raise DescriptionError("view: no run was given. Give at least one.")
-    results = list(runs.values())
-    if rigid is None:
+    if rigid is None and labels:
         rigid = next((run for run in results if run.level == "rigid"), None)
-    page = _settings(results, field, limit)
-    page["first"] = 0 if first is None else list(runs).index(first)
-    away = [(off_path or {}).get(words) for words in runs]
+    page = _settings(results, field, limit) | {"first": 0 if first is None else labels.index(first)}
+    away = [(off_path or {}).get(words) for words in labels]
     scenes = build_scenes(results, rigid, _scale(scale), meshes, away)
-    scenes = [s | {"label": words} for s, words in zip(scenes, runs, strict=True)]
+    for scene, words in zip(scenes, labels, strict=False):
+        scene["label"] = words
     return _write(scenes, path, title or scenes[0]["name"], page)
+
+
+def write_modes_html(shapes: Iterable[tuple[float, Result]], path: str | Path) -> Path:
+    """Write one page with a picker of mode shapes, played by the same player."""
+    bare: dict[str, Any] = {"forces": [], "torques": [], "plots": [], "track": None}
+    scenes = [
+        mode_scene(result) | {"mode": {"frequency": float(frequency)}} | bare
+        for frequency, result in shapes
+    ]
+    if not scenes:
+        raise DescriptionError("view: no mode shape was given. Compute at least one mode.")
+    page = {"field": "displacement", "limit": None}
+    return _write(scenes, path, f"{scenes[0]['name']}: mode shapes", page)
 
 
 _RACING = 300  # instants of each of up to six runs
@@ -336,7 +320,7 @@ def view(
             the last is shown first.
         path: Where to write; default a file in a temporary folder.
         open_browser: Open the page; left out where nobody could see it (CI, ssh, no display).
-        **options: As in `write_html`, or `write_runs_html`.
+        **options: As in `write_html`.
 
     Returns:
         The page; it can be used as a path.
@@ -345,11 +329,9 @@ def view(
     if path is None:
         names = (_slug(str(run.meta.get("name", "result"))) for run in runs.values())
         path = Path(tempfile.mkdtemp(prefix="pinflex-")) / f"{next(names, 'result')}.html"
-    if isinstance(result, Result):
-        written = write_html(result, path, **options)
-    else:
-        written = write_runs_html(runs, path, **{"first": next(reversed(runs), None), **options})
-    page = Page(written)
+    if not isinstance(result, Result):
+        options = {"first": next(reversed(runs), None), **options}
+    page = Page(write_html(result, path, **options))
     if open_browser:
         page.open()
     return page

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from pinflex.results.result import Result
-from pinflex.viewer.view import write_runs_html
+from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import FALLEN, with_strength
 from tests.browser.places import apart, violations
@@ -47,7 +47,7 @@ def page(levels: dict[str, Result], tmp_path_factory: pytest.TempPathFactory) ->
         for name, run in levels.items()
     }
     path = tmp_path_factory.mktemp("every") / "every.html"
-    return write_runs_html(runs, path, first="coupled", rigid=levels["rigid"])
+    return write_html(runs, path, first="coupled", rigid=levels["rigid"])
 
 
 @pytest.fixture(scope="module")

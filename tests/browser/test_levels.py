@@ -17,7 +17,7 @@ import pytest
 from pinflex.results.result import Result
 from pinflex.viewer.curves import verdicts
 from pinflex.viewer.scene import build_scenes
-from pinflex.viewer.view import view, write_runs_html
+from pinflex.viewer.view import view, write_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import FALLEN
 
@@ -25,7 +25,7 @@ from tests.browser.made_up import FALLEN
 @pytest.fixture(scope="session")
 def page(levels: dict[str, Result], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("levels") / "levels.html"
-    return write_runs_html(levels, path, first="coupled")
+    return write_html(levels, path, first="coupled")
 
 
 def test_levels_are_switched_by_radio_buttons_and_digits_at_one_instant_and_scale(

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from pinflex.results.result import Result
-from pinflex.viewer.view import write_html, write_modes_html, write_runs_html
+from pinflex.viewer.view import write_html, write_modes_html
 from tests.browser.chromium import Browser
 from tests.browser.made_up import EVIL, renamed, shape
 from tests.synthetic import synthetic_result
@@ -381,7 +381,7 @@ def test_two_runs_of_one_robot_are_switched_on_one_page(
 ) -> None:
     rigid = synthetic_result("rigid", samples=121)
     runs = {"exact command": run, "rigid command": run}
-    browser.open(write_runs_html(runs, tmp_path / "two.html", rigid=rigid), "play=0")
+    browser.open(write_html(runs, tmp_path / "two.html", rigid=rigid), "play=0")
     labels = browser.run(
         "return [...document.querySelectorAll('#levels label')].map(l => l.textContent)"
     )

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pinflex.results.result import Result
-from pinflex.viewer.view import write_runs_html
+from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 
 THEMES = ("light", "dark")
@@ -26,7 +26,7 @@ THEMES = ("light", "dark")
 def two(run: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     warned = Result(run.t, run.arrays, {**run.meta, "warnings": ["deflections are not small."]})
     path = tmp_path_factory.mktemp("two") / "two.html"
-    return write_runs_html({"ked": run, "coupled": warned}, path, first="coupled")
+    return write_html({"ked": run, "coupled": warned}, path, first="coupled")
 
 
 @pytest.fixture

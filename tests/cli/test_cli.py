@@ -23,7 +23,7 @@ import pytest
 
 import pinflex as pf
 from pinflex import __main__
-from pinflex.cli import look
+from pinflex.cli import vibration
 from pinflex.errors import ConvergenceError
 from pinflex.progress import Bar
 from pinflex.results.result import Result
@@ -477,7 +477,7 @@ def test_an_interrupt_ends_with_130_and_one_line(capsys, monkeypatch):
     def interrupted(args: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(look, "run_check", interrupted)
+    monkeypatch.setattr(vibration, "run_check", interrupted)
     assert call(capsys, "check", "3rrr") == (130, "", "pinflex: interrupted.\n")
 
 
@@ -485,7 +485,7 @@ def test_an_internal_error_is_one_line_that_asks_to_report_it(capsys, monkeypatc
     def broken(args: object) -> int:
         raise ZeroDivisionError("float division\nby zero")
 
-    monkeypatch.setattr(look, "run_check", broken)
+    monkeypatch.setattr(vibration, "run_check", broken)
     answer = call(capsys, "check", "3rrr")
     assert (answer.code, answer.out) == (1, "")
     assert answer.err.startswith("pinflex: internal error, ZeroDivisionError: float division by")

@@ -247,11 +247,11 @@ def test_registered_integrators_have_names_in_the_yaml(tmp_path: Path) -> None:
     assert run.meta["settings"]["stages"] == 2
     with pytest.raises(DescriptionError, match="resume: goes on with level coupled in steps"):
         pf.solve(m, level="coupled", resume=run, until=0.06)
-    from pinflex.cli.checkpoint import _check
+    from pinflex.cli.runs import _require_resumable
 
     with pytest.raises(DescriptionError, match="only level coupled in steps"):
-        _check(m, "run.npz", {"level": "coupled", "dt": 1e-3})
-    _check(named("soft"), "run.npz", {"level": "coupled", "dt": 1e-3})
+        _require_resumable(m, "run.npz", {"level": "coupled", "dt": 1e-3})
+    _require_resumable(named("soft"), "run.npz", {"level": "coupled", "dt": 1e-3})
     for wrong in (EULER, solve.Integrator("none")):
         with pytest.raises(DescriptionError, match="one of that name|no method"):
             solve.register_integrator(wrong)

@@ -1,28 +1,25 @@
-"""Other systems and smaller installations: locks, alarms and imports without what may be absent.
+"""Other systems and smaller installations: locks and imports without what may be absent.
 
 Claims:
     Documentation, other systems
     - every public name loads, 3rrr is solved, without fcntl, resource, matplotlib, pillow, meshcat
       | a process that cannot import them | runs | runs
-    - files are locked, alarms ring, as Windows has them | a stand-in of msvcrt; no alarm signal |
-      as on Linux | as on Linux; never run on Windows
+    - files are locked as Windows has it | a stand-in of msvcrt | as on Linux | as on Linux; never
+      run on Windows
     - bash completes commands, options, models and files | bash itself | offered | offered
 """
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from pinflex.__main__ import build_parser
-from pinflex.cli import checkpoint, files
+from pinflex.cli import files
 from pinflex.errors import DescriptionError
 from pinflex.writing import lock
 
@@ -102,32 +99,6 @@ def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert not lock(stream)
         assert system.calls == [(stream.fileno(), Windows.LK_NBLCK)]
     assert (tmp_path / "journal").read_bytes() == b"kept\nmore\n"
-
-
-@pytest.mark.parametrize("platform", ["linux", "win32"])
-def test_an_alarm_interrupts_once(
-    platform: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
-    monkeypatch.setattr(checkpoint, "sys", SimpleNamespace(platform=platform))
-    # a test run in the background is told to ignore this signal, and its children with it
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
-    rung = threading.Event()
-
-    def wait() -> None:
-        nonlocal rung
-        with checkpoint._alarm(0.05) as rung:
-            end = time.monotonic() + 30
-            while time.monotonic() < end:
-                time.sleep(0.01)
-
-    with pytest.raises(KeyboardInterrupt):
-        wait()
-    assert rung.is_set()
-    with checkpoint._alarm(0.05) as rung:
-        pass
-    time.sleep(0.1)  # it was put off when the work ended
-    assert not rung.is_set()
 
 
 def answers(script: Path, *words: str) -> list[str]:

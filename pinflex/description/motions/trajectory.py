@@ -257,7 +257,7 @@ class Motion:
             panel: One alone: "position", "velocity" or "acceleration".
             ax: Where to draw that; default: axes of a new figure.
         """
-        return door("viewer.plots.shapes", "plot_motion")(self, until, panel, ax)
+        return door("viewer.plots.motions", "plot_motion")(self, until, panel, ax)
 
     def at_rate(self, rate: float = 1000.0, robot: Any = None) -> Any:
         """Rows for a controller and what its interpolation misses: `t`, `position`, `missed`, ...

@@ -23,6 +23,7 @@ from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.description import from_text, read
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
+from pinflex.description.robots.urdf import Limits, limits
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.closing import limits_of
@@ -373,13 +374,12 @@ def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
     """Joints of an open tree with an effort limit, of which no transmission speaks."""
     if "actuated" not in blocks:  # then every joint is a motor
         return []
-    limits = {
-        joint.get("name"): limit
-        for joint in ET.fromstring(tree.text.strip()).iterfind("joint")
-        if (limit := joint.find("limit")) is not None and float(limit.get("effort", 0)) > 0
-    }
-    names = [joint.name for joint in proposals.single(tree)]
-    return [name for name in names if name in limits and name not in blocks["actuated"]]
+    known = limits(tree.text)
+    return [
+        joint.name
+        for joint in proposals.single(tree)
+        if joint.name not in blocks["actuated"] and known.get(joint.name, Limits()).effort > 0
+    ]
 
 
 def _text(
@@ -497,8 +497,8 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
     if mechanism.report.mobility != len(mechanism.motors):
         return f"\n# No motion is proposed: {_loose(mechanism)}\n"
     joint = motors[0]
-    kind = ET.fromstring(mechanism.description.urdf_text.strip()).find(f".//joint[@name='{joint}']")
-    step = _STEP.get(kind.get("type", "") if kind is not None else "", _TURN)
+    known = mechanism.description.tree().joints
+    step = _STEP.get(known[joint].type, _TURN) if joint in known else _TURN
     for share in _SHARES:
         proposal = (
             "\n# A small motion to begin with.\nmotion: {kind: cycloid, joints: "

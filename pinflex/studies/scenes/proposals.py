@@ -347,10 +347,6 @@ def _only_home_differs(
         return False
 
 
-def _data(values: Mapping[str, float | list[float]]) -> dict[str, Any]:
-    return {name: list(v) if isinstance(v, list) else v for name, v in values.items()}
-
-
 def _edited(
     text: str,
     block: yaml.MappingNode,
@@ -365,7 +361,7 @@ def _edited(
         if new is not None and not _same(old.get(key.value), new):
             shown = _plain({"x": new}).partition(": ")[2]
             pieces.append((value.start_mark.index, _end(value), shown))
-    more = [_plain({name: v}) for name, v in _data(values).items() if name not in old]
+    more = [_plain({name: v}) for name, v in values.items() if name not in old]
     last = _end(block.value[-1][1])
     if more and block.flow_style:
         pieces.append((last, last, "".join(f", {entry}" for entry in more)))
@@ -390,12 +386,12 @@ def _same(a: object, b: float | list[float]) -> bool:
 def _lines(values: Mapping[str, float | list[float]], newline: str) -> str:
     if not values:
         return "home: {}"
-    rows = [f"  {_plain({name: value})}" for name, value in _data(values).items()]
+    rows = [f"  {_plain({name: value})}" for name, value in values.items()]
     return newline.join(["home:", *rows])
 
 
 def _flow(values: Mapping[str, float | list[float]]) -> str:
-    return _plain({"home": _data(values)})
+    return _plain({"home": dict(values)})
 
 
 def _plain(block: dict[str, Any]) -> str:

@@ -218,22 +218,15 @@ def drawn_film(
     scene: dict[str, Any], path: Path, field: str, title: str, seconds: float, fps: int
 ) -> Path:
     """Write the whole motion as a .gif."""
-    import io
-
-    from PIL import Image
-
     figure, draw = _canvas(scene, field, title, (8.0, 5.0))
-    count = max(2, round(seconds * fps))
-    frames = []
-    for t in np.linspace(scene["t"][0], scene["t"][-1], count):
+    shots = []
+    for t in np.linspace(scene["t"][0], scene["t"][-1], max(2, round(seconds * fps))):
         draw(int(np.argmin(np.abs(scene["t"] - t))))
         shot = io.BytesIO()
         figure.savefig(shot, dpi=_DPI * 0.8)
-        frames.append(Image.open(shot).convert("RGB").quantize(96))
+        shots.append(shot.getvalue())
     with replaced(path) as part:
-        frames[0].save(
-            part, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0
-        )
+        _gif(shots, part, fps)
     return path
 
 

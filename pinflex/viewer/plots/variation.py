@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pinflex.arrays import Array, BoolArray
-from pinflex.viewer.plots.drawing import COLOURS, Drawing, new_figure, styled, title
-from pinflex.viewer.plots.drawing import title as heading
+from pinflex.viewer.plots.drawing import COLOURS, Drawing, panels, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,27 +27,42 @@ def tornado(parameters: Sequence[str], outputs: Sequence[str], table: Array) -> 
         output: partial(_bars, parameters=parameters, output=output, column=column)
         for output, column in zip(outputs, columns, strict=True)
     }
-    height = bar_height(min(len(parameters), _BARS))
-
-    def whole() -> Figure:
-        across = min(len(outputs), 2)
-        down = -(-len(outputs) // across)
-        figure = new_figure(5.6 * across, 0.2 + down * height, layout="constrained")
-        axes = figure.subplots(down, across, squeeze=False)
-        for ax in axes.flat[len(outputs) :]:
-            ax.remove()
-        for draw, ax in zip(each.values(), axes.flat, strict=False):
-            draw(styled(ax))
-        return figure
-
+    height, across = bar_height(min(len(parameters), _BARS)), min(len(outputs), 2)
+    down = -(-len(outputs) // across)
+    whole = partial(_side_by_side, each.values(), down, across, 0.2 + down * height, 5.6 * across)
     return Drawing(whole, each, height)
+
+
+def _side_by_side(
+    draws: Iterable[Callable[[Axes], object]],
+    rows: int,
+    columns: int,
+    height: float,
+    width: float = 10.0,
+    shares: Sequence[float] | None = None,
+) -> Figure:
+    """A figure of panels row by row, as many as there is room for; `shares`: of its width."""
+    figure, axes = panels(rows, columns, height, None, width, width_ratios=shares)
+    some = [*draws]
+    for ax in axes.flat[len(some) :]:
+        ax.remove()
+    for draw, ax in zip(some, axes.flat, strict=False):
+        draw(ax)
+    return figure
+
+
+def _ranked(ax: Axes, names: Sequence[str], values: Array, colours: Any) -> None:
+    """Bars from below, each with the name of its parameter."""
+    ax.barh(np.arange(len(values)), values, color=colours, height=0.7)
+    ax.set_yticks(np.arange(len(values)), [short_key(name) for name in names])
+    ax.spines["left"].set_visible(False)
+    ax.tick_params(axis="y", length=0)
 
 
 def _bars(ax: Axes, parameters: Sequence[str], output: str, column: Array) -> None:
     order = np.argsort(-np.abs(column), kind="stable")[:_BARS][::-1]
     colours = [UP if column[i] >= 0 else DOWN for i in order]
-    ax.barh(np.arange(len(order)), column[order], color=colours, height=0.7)
-    ax.set_yticks(np.arange(len(order)), [short_key(parameters[i]) for i in order])
+    _ranked(ax, [parameters[i] for i in order], column[order], colours)
     ax.axvline(0.0, color="0.2", linewidth=0.8)
     reach = 1.25 * max(float(np.max(np.abs(column))), 1e-3)
     ax.set_xlim(-reach, reach)
@@ -60,8 +74,6 @@ def _bars(ax: Axes, parameters: Sequence[str], output: str, column: Array) -> No
         )  # fmt: skip
     title(ax, output)
     ax.set_xlabel("change [%] for 1 % more")
-    ax.spines["left"].set_visible(False)
-    ax.tick_params(axis="y", length=0)
 
 
 def bar_height(bars: int) -> float:
@@ -93,15 +105,9 @@ def histograms(
         each[name] = partial(_histogram, values=values, lines=quantiles[k], label=label)
         each[f"variance {name}"] = partial(_shares, parameters=parameters, total=total[k])
 
-    def whole() -> Figure:
-        rows = min(len(samples), _MOST_OUTPUTS)
-        height = max(1.9, 0.6 + 0.22 * len(parameters))
-        figure = new_figure(10.0, 0.3 + height * rows, layout="constrained")
-        axes = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.2, 1.0))
-        for draw, ax in zip(each.values(), axes.flat, strict=False):
-            draw(styled(ax))
-        return figure
-
+    rows = min(len(samples), _MOST_OUTPUTS)
+    height = 0.3 + max(1.9, 0.6 + 0.22 * len(parameters)) * rows
+    whole = partial(_side_by_side, each.values(), rows, 2, height, shares=(1.2, 1.0))
     return Drawing(whole, each)
 
 
@@ -118,12 +124,9 @@ def _histogram(ax: Axes, values: Array, lines: Array, label: str) -> None:
 
 def _shares(ax: Axes, parameters: Sequence[str], total: Array) -> None:
     order = np.argsort(np.nan_to_num(total))
-    ax.barh(np.arange(len(order)), np.nan_to_num(total)[order], color=COLOURS[0], height=0.7)
-    ax.set_yticks(np.arange(len(order)), [short_key(parameters[i]) for i in order])
+    _ranked(ax, [parameters[i] for i in order], np.nan_to_num(total)[order], COLOURS[0])
     ax.set_xlim(0, max(1.0, float(np.nan_to_num(total).max(initial=0.0))))
     ax.set_xlabel("share of the variance, with interactions")
-    ax.spines["left"].set_visible(False)
-    ax.tick_params(axis="y", length=0)
 
 
 # How a search for the best design went.
@@ -134,18 +137,12 @@ def histories(
 ) -> Drawing:
     """The aim over the designs tried ("search"), how far every parameter has moved ("change")."""
     change = 100.0 * (np.asarray(best) / np.asarray(first) - 1.0)
-    search = partial(_search, aims=aims, kept=np.asarray(kept, bool), label=label)
-    moved = partial(_change, parameters=parameters, change=change)
-
-    def whole() -> Figure:
-        figure = new_figure(10.0, max(2.8, bar_height(len(parameters))), layout="constrained")
-        for ax, draw in zip(
-            figure.subplots(1, 2, width_ratios=(1.2, 1.0)), (search, moved), strict=True
-        ):
-            draw(styled(ax))
-        return figure
-
-    return Drawing(whole, {"search": search, "change": moved})
+    each = {
+        "search": partial(_search, aims=aims, kept=np.asarray(kept, bool), label=label),
+        "change": partial(_change, parameters=parameters, change=change),
+    }
+    height = max(2.8, bar_height(len(parameters)))
+    return Drawing(partial(_side_by_side, each.values(), 1, 2, height, shares=(1.2, 1.0)), each)
 
 
 def _search(ax: Axes, aims: Array, kept: BoolArray, label: str) -> None:
@@ -165,14 +162,11 @@ def _search(ax: Axes, aims: Array, kept: BoolArray, label: str) -> None:
 
 
 def _change(ax: Axes, parameters: Sequence[str], change: Array) -> None:
-    rows = np.arange(len(parameters))[::-1]
-    ax.barh(rows, change, color=np.where(change >= 0, UP, DOWN).tolist(), height=0.7)
-    ax.set_yticks(rows, [short_key(name) for name in parameters])
+    upwards = change[::-1]
+    _ranked(ax, parameters[::-1], upwards, np.where(upwards >= 0, UP, DOWN).tolist())
     ax.axvline(0.0, color="0.2", linewidth=0.8)
     ax.set_xlabel("change of the parameter [%]")
     ax.margins(x=0.05)
-    ax.spines["left"].set_visible(False)
-    ax.tick_params(axis="y", length=0)
 
 
 # Measured values, those of a fitted model, and their differences.
@@ -184,20 +178,22 @@ _FEW = 40  # points that are drawn as points
 Compared = tuple[str, str, str, Array, Array, Array, "Array | None"]
 
 
-def residuals(panels: Sequence[Compared]) -> Drawing:
+def residuals(every: Sequence[Compared]) -> Drawing:
     """One column per quantity: both curves above, model less measured below."""
-    each = {p[0]: partial(_both, compared=p) for p in panels}
-    below = {f"difference {p[0]}": partial(_difference, compared=p) for p in panels}
+    each = {p[0]: partial(_both, compared=p) for p in every}
+    below = {f"difference {p[0]}": partial(_difference, compared=p) for p in every}
 
     def whole() -> Figure:
-        shown = list(panels)[:_MOST_PANELS]
-        figure = new_figure(max(5.0, 3.6 * len(shown)), 4.6, layout="constrained")
-        axes = figure.subplots(2, len(shown), squeeze=False, height_ratios=(2.0, 1.0), sharex="col")
+        shown = list(every)[:_MOST_PANELS]
+        width = max(5.0, 3.6 * len(shown))
+        figure, axes = panels(
+            2, len(shown), 4.6, None, width, height_ratios=(2.0, 1.0), sharex="col"
+        )
         for k, (compared, (top, low)) in enumerate(zip(shown, axes.T, strict=True)):
-            _both(styled(top), compared)
-            _difference(styled(low), compared)
+            _both(top, compared)
+            _difference(low, compared)
             top.label_outer()
-            heading(low, "")
+            title(low, "")
             low.set_ylabel(low.get_ylabel(), fontsize=8)
             if k:
                 top.get_legend().remove()
@@ -207,11 +203,11 @@ def residuals(panels: Sequence[Compared]) -> Drawing:
 
 
 def _both(ax: Axes, compared: Compared) -> None:
-    title, along, unit, x, measured, model, _ = compared
+    name, along, unit, x, measured, model, _ = compared
     few = len(x) <= _FEW
     ax.plot(x, measured, color=_MEASURED, label="measured", marker="o" if few else "", **_style(x))
     ax.plot(x, model, color=_MODEL, label="model", marker="x" if few else "", **_style(x))
-    heading(ax, title)
+    title(ax, name)
     ax.set_xlabel(along)
     ax.set_ylabel(unit)
     _room(ax, x, along)
@@ -219,14 +215,14 @@ def _both(ax: Axes, compared: Compared) -> None:
 
 
 def _difference(ax: Axes, compared: Compared) -> None:
-    title, along, unit, x, measured, model, std = compared
+    name, along, unit, x, measured, model, std = compared
     few, apart = len(x) <= _FEW, np.asarray(model) - np.asarray(measured)
     ax.axhline(0.0, color="0.7", linewidth=0.8)
     if std is not None and few:
         ax.errorbar(x, apart, yerr=1.96 * std, color=_MODEL, fmt="x", markersize=4, linewidth=0.9)
     else:
         ax.plot(x, apart, color=_MODEL, marker="x" if few else "", **_style(x))
-    heading(ax, title)
+    title(ax, name)
     ax.set_xlabel(along)
     ax.set_ylabel(f"model - measured [{unit}]")
     _room(ax, x, along)

@@ -26,38 +26,38 @@ def ringing(t=T):
 
 @pytest.mark.parametrize("band", [20e-6, 50e-6, 150e-6])
 def test_a_decaying_vibration_settles_when_its_envelope_enters_the_band(band):
-    found = residual(T, ringing(), STOP, band, PLACE)
-    assert found.amplitude == pytest.approx(HEIGHT)
+    amplitude, settling = residual(T, ringing(), STOP, band, PLACE)
+    assert amplitude == pytest.approx(HEIGHT)
     # linear between instants 0.25 ms apart: second order in RATE * 0.25 ms
-    assert found.settling == pytest.approx(np.log(HEIGHT / band) / RATE, abs=1e-6)
+    assert settling == pytest.approx(np.log(HEIGHT / band) / RATE, abs=1e-6)
 
 
 def test_where_it_comes_to_rest_is_found_without_being_told():
-    found = residual(T, ringing(), STOP, 50e-6)
+    amplitude, settling = residual(T, ringing(), STOP, 50e-6)
     # 24 periods: a Hann window leaves 1e-4 of the vibration in the mean
-    assert found.amplitude == pytest.approx(HEIGHT, rel=1e-3)
-    assert found.settling == pytest.approx(np.log(4) / RATE, abs=1e-3)
+    assert amplitude == pytest.approx(HEIGHT, rel=1e-3)
+    assert settling == pytest.approx(np.log(4) / RATE, abs=1e-3)
 
 
 def test_one_that_never_leaves_the_band_has_settled_at_once():
-    assert residual(T, ringing(), STOP, 250e-6, PLACE).settling == 0.0
+    assert residual(T, ringing(), STOP, 250e-6, PLACE)[1] == 0.0
 
 
 def test_one_that_may_leave_the_band_again_has_not_settled():
     line = PLACE + np.array([1.0, 0, 0]) * (HEIGHT * np.cos(OMEGA * (T - STOP)))[:, None]
     end = STOP + 0.1 + np.pi / OMEGA / 2 >= T  # ends a quarter of a period after a peak, at zero
-    found = residual(T[end], line[end], STOP, 50e-6, PLACE, period=2 * np.pi / OMEGA)
-    assert found.settling is None
-    assert residual(T[end], line[end], STOP, 50e-6, PLACE).settling is not None  # seen too late
+    _, settling = residual(T[end], line[end], STOP, 50e-6, PLACE, period=2 * np.pi / OMEGA)
+    assert settling is None
+    assert residual(T[end], line[end], STOP, 50e-6, PLACE)[1] is not None  # seen too late
 
 
 def test_what_happens_before_the_stop_does_not_count():
-    assert residual(T, ringing(), STOP, 1e-6, PLACE).amplitude < 1.001 * HEIGHT
+    assert residual(T, ringing(), STOP, 1e-6, PLACE)[0] < 1.001 * HEIGHT
 
 
 @pytest.mark.parametrize(("periods", "settled"), [(0.4, False), (0.6, True)])
 def test_half_a_period_within_the_band_is_what_it_takes_to_settle(periods, settled):
     period, enters = 2 * np.pi / OMEGA, STOP + np.log(4) / RATE
     seen = enters + periods * period > T
-    found = residual(T[seen], ringing()[seen], STOP, 50e-6, PLACE, period)
-    assert (found.settling is not None) == settled
+    _, settling = residual(T[seen], ringing()[seen], STOP, 50e-6, PLACE, period)
+    assert (settling is not None) == settled

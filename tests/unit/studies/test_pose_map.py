@@ -24,7 +24,7 @@ from pinflex.results.pose_map import PoseMap
 from pinflex.solver.solve import default_motion
 from pinflex.studies.pose import moved, platform_compliance, pose, tracked
 from pinflex.studies.pose_map import pose_map
-from pinflex.viewer.plots.maps import plot_map, save_map
+from pinflex.viewer.plots.maps import axes_of_map, plot_map
 from tests.scenes import Body, load, published
 
 # Two arms that share nothing but the ground. Gravity stiffens a hanging arm and softens a standing
@@ -208,9 +208,10 @@ def test_poses_without_an_equilibrium_are_left_out_and_told(tmp_path: Path) -> N
     assert np.isnan(found.frequencies[-1]).all()
     assert not found.errors[3] and "static equilibrium: no equilibrium" in found.errors[4]
     assert "no answer" in [t.get_text() for t in plot_map(found).axes[0].texts]
-    assert save_map(found, tmp_path / "map.pdf").read_bytes().startswith(b"%PDF")
+    axes_of_map(found, path=tmp_path / "map.pdf")
+    assert (tmp_path / "map.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(DescriptionError, match="Allowed"):
-        save_map(found, tmp_path / "map.gif")
+        axes_of_map(found, path=tmp_path / "map.gif")
 
 
 def test_the_figure_names_the_lowest_frequency() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.cli.process import settled
+from pinflex.__main__ import settled
 from pinflex.errors import ConvergenceError
 from pinflex.studies import study as open_steps
 from pinflex.studies.study import study

@@ -4,7 +4,6 @@ Claims:
     Pages, pictures, figures
     - a peak between the bins of a spectrum, its frequency and height | a sine | 1e-3 of a bin; 2e-4
       | 7e-4; 8e-5
-    - figures of compare = what matplotlib saves, minor ticks as one line | pixel by pixel | equal
     - amplitudes, labelled peaks, followed modes of the figures | beside each | passes | also
       `unit/studies/test_pose_map.py`
 """
@@ -21,7 +20,6 @@ from pinflex.results.result import Result, peak
 from pinflex.viewer import plot
 from pinflex.viewer.plot import amplitudes, highest, maxima
 from pinflex.viewer.plots import axes as figures
-from pinflex.viewer.plots.axes import write_png
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -168,20 +166,6 @@ def test_a_quantity_that_never_moves_has_an_empty_spectrum(flexible, tmp_path):
     figure = plot.spectrum(flexible, "link/distal_1/w")
     assert not figure.axes[0].texts
     figure.savefig(tmp_path / "flat.png")
-
-
-def test_a_picture_is_what_matplotlib_saves_without_a_channel_of_transparency(flexible, tmp_path):
-    from PIL import Image
-
-    def drawn():
-        return plot.spectrum(flexible, "link/distal_1/v")
-
-    write_png(drawn(), tmp_path / "own.png")
-    drawn().savefig(tmp_path / "theirs.png")
-    own, theirs = (Image.open(tmp_path / f"{name}.png") for name in ("own", "theirs"))
-    assert own.mode == "RGB" and own.info["dpi"] == pytest.approx((150, 150), abs=0.1)
-    # pixel by pixel: the minor ticks of the logarithm are one line of marks here
-    assert np.array_equal(np.asarray(own), np.asarray(theirs.convert("RGB")))
 
 
 def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_path):
