@@ -272,6 +272,18 @@ class FlexibleBody:
         """Ends (m) whose sections move: the tip, and the root of families not clamped there."""
         return (0.0, self.length) if self.root_moves else (self.length,)
 
+    def moves_as(self, other: FlexibleBody) -> bool:
+        """Whether sections move as those of another beam: masses and stiffness may differ.
+
+        Functions that do not depend on these are kept (`plain_shapes`), and are then the same.
+        """
+        mine, theirs = (
+            (x.families, x.slices, x.length, x.second_order, x.rotary, x.root_moves)
+            for x in (self, other)
+        )
+        beams = all(x.solid is None and x.curvature is None for x in (self, other))
+        return beams and mine == theirs
+
     def rows(self, x: float) -> tuple[Array, Array | None]:
         """Rows (u, v, w, rz, ry, rx) of the section at x (m): Phi (6, n) and G (6, n, n)."""
         if self.solid is not None:

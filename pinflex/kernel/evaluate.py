@@ -77,6 +77,19 @@ class Tables:
         """Addresses do not travel to another process: it makes its own."""
         return Tables, (self.counts, self.arrays)
 
+    def replaced(self, numbers: Mapping[str, npt.ArrayLike]) -> Tables:
+        """The same tables with other numbers; indices were checked."""
+        found = Tables.__new__(Tables)
+        found.counts, found.arrays = self.counts, dict(self.arrays)
+        found._structure = _Tables.from_buffer_copy(self._structure)
+        for name, given in numbers.items():
+            found.arrays[name] = array = np.ascontiguousarray(given, dtype=np.float64)
+            if name not in NUMBERS or array.size != self.arrays[name].size:
+                raise PinflexError(f"kernel: {name}: {array.size} entries of other numbers.")
+            setattr(found._structure, name, array.ctypes.data)
+        found.address = ctypes.addressof(found._structure)
+        return found
+
     def _size(self, part: str | int, sizes: Mapping[str, int]) -> int:
         if isinstance(part, int):
             return part

@@ -69,6 +69,7 @@ def _size(shape: tuple[int, ...]) -> int:
 
 
 _Stages = structure("Stages")
+_LANES = constant("LANES")
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,8 @@ class StageKernel:
         )
         shapes = {
             "M": (free, free), "C": (free, free), "K": (free, free), "J": (closures, free),
-            "lu": (values, 2, size, size), "part": (2 * values * size + nv,), "y0": (nq,),
+            "lu": (-(-values // _LANES), size, size, 2, _LANES),
+            "part": (2 * (_LANES + 1) * size + nv,), "y0": (nq,),
             "v0": (nv,),
             "position": (s, motors), "velocity": (s, motors), "feed": (s, motors),
             "kp": (motors,), "kd": (motors,), "held": (nv,), "torque": (s, motors),

@@ -31,7 +31,7 @@ from pinflex.mechanics.evaluation.equations import Equations, Followed, share
 from pinflex.mechanics.evaluation.frames import Frame
 from pinflex.mechanics.kinks import with_clearance
 from pinflex.mechanics.manifold import skew
-from pinflex.mechanics.model.expansion import expand, of_model
+from pinflex.mechanics.model.expansion import expand, of_model, weighed
 from pinflex.mechanics.model.loads import Attachment, Expansion
 from pinflex.mechanics.model.parts import FlexiblePart, require_size, resolve, with_damping
 from pinflex.mechanics.model.planes import LeftOut, Plane, Spans, any_undecided, plane_of
@@ -48,7 +48,7 @@ from pinflex.mechanics.model.tree import (
     model_of,
     motor_rows,
 )
-from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system
+from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system, weighed_system
 from pinflex.names import Names, Records
 from pinflex.report import card, pairs
 from pinflex.text import brief, short
@@ -181,6 +181,7 @@ def _rotors(description: Description, links: Sequence[Link]) -> float:
     return float(sum(e.armature * axes.get(name, 0) for name, e in description.joints.items()))
 
 
+_KEPT = 4  # systems of other designs: what a beam leaves to riders makes two or three of a robot
 # Elastic coordinates above which `auto` is decided with a coarse model: it need not be exact.
 _LOOK = 100
 # Keys of a description that say nothing of how the rigid mechanism is closed.
@@ -455,7 +456,8 @@ class _Loading:
     Attributes:
         model, links: Of the robot's file; not changed.
         assembled: The rigid system, once it is closed.
-        first, last: Systems to look at what deforms, and those of the mechanism.
+        first, last: Systems to look at what deforms, and those of the mechanism, with others like
+            them that the same robot had, the newest first.
     """
 
     def __init__(
@@ -471,8 +473,8 @@ class _Loading:
         self.needed = frozenset(named)
         self.geared = frozenset(elastic(description.joints))
         self.assembled: Assembled | None = None
-        self.first: _Systems | None = None
-        self.last: _Systems | None = None
+        self.first: tuple[_Systems, ...] = ()
+        self.last: tuple[_Systems, ...] = ()
         pairs = [(one.joint, one.leader) for one in description.couplings]
         self.coupled = {name for pair in pairs for name in pair if name is not None}
         self.plane: Plane
@@ -497,16 +499,16 @@ class _Loading:
         """Rigid system, then the flexible one: first coarse where `auto` has to be decided."""
         look = any_undecided(self.description, self.links, self.plane, self.own)
         coarse = look and sum(_size(spec) for spec in self.description.flexible) > _LOOK
-        known = self.last
-        made = self.first = self.systems(self.parts(coarse=coarse), self.first, coarse)
+        known, found = self.last, self.systems(self.parts(coarse=coarse), self.first, coarse)
+        self.first, made = found, found[0]
         if look:
             parts, flexible, home = made.parts, made.flexible, made.rigid.home
             out = left_out(self.description, self.links, parts, flexible, home, tuple(self.own))
             if coarse or any(out.values()):
-                made = self.systems(self.parts(out), known)
-        self.last, rigid, flexible = made, made.rigid, made.flexible
-        self.assembled = rigid
-        if known is None or flexible is not known.flexible:
+                found = self.systems(self.parts(out), known)
+        self.last, made = found, found[0]
+        self.assembled, rigid, flexible = made.rigid, made.rigid, made.flexible
+        if all(flexible is not one.flexible for one in known):
             given = made.parts, self.own, rigid.system, flexible, rigid.home
             require_mass(self.description, self.links, *given)
         names = coordinate_names(rigid.system.rigid)
@@ -516,19 +518,29 @@ class _Loading:
         )  # fmt: skip
 
     def systems(
-        self, parts: Mapping[str, FlexiblePart], like: _Systems | None, coarse: bool = False
-    ) -> _Systems:
-        """The systems of parts: those of a model like this one, where its parts are the same.
+        self, parts: Mapping[str, FlexiblePart], known: tuple[_Systems, ...], coarse: bool = False
+    ) -> tuple[_Systems, ...]:
+        """The systems of parts, and behind them those known before.
 
+        One whose parts are the same is them; one whose parts move alike lends its joints.
         `coarse`: to look at, where masses of the rigid system do not matter.
         """
-        if like is not None and _made_alike(parts, like.parts):
-            return replace(like, parts=parts)
+        same = next((one for one in known if _made_alike(parts, one.parts)), None)
+        like = same or next((one for one in known if _moving_alike(parts, one)), None)
+        made = replace(same, parts=parts) if same else self._made(parts, like, coarse)
+        return made, *[one for one in known if one is not like][: _KEPT - 1]
+
+    def _made(
+        self, parts: Mapping[str, FlexiblePart], like: _Systems | None, coarse: bool
+    ) -> _Systems:
         rigid = self.assembled
         if rigid is None or not coarse or rigid.system.closed.contacts:
-            rigid = self.about(self.tree(parts), parts)
+            rigid = self.about(self.tree(parts, like), parts)
         if not parts and not self.geared:
             return _Systems(parts, rigid, *_with_elastic_joints(rigid))
+        if like is not None:
+            known = self.description, self.links, parts, rigid.system, like.flexible
+            return _Systems(parts, rigid, weighed_system(*known), like.report)
         model, gears = rigid.system.rigid, self.geared
         expansion = expand(self.links, parts, self.needed, model, self.gravity, gears)
         expansion.model.armature[expansion.v_at] = model.armature
@@ -559,8 +571,10 @@ class _Loading:
                 patch.require_on_beam(f"{name}: flexible.{part.link}", part.length)
         return parts
 
-    def tree(self, parts: Mapping[str, FlexiblePart]) -> Expansion:
+    def tree(self, parts: Mapping[str, FlexiblePart], like: _Systems | None) -> Expansion:
         """The rigid model: Pinocchio's own where the description adds nothing to it."""
+        if like is not None:
+            return weighed(like.rigid.system.expansion, self.links, parts)
         joints = self.model.joints
         turning = any(joints[self.model.getJointId(name)].nq > 1 for name in self.coupled)
         changed = turning or any(extra.type for extra in self.description.joints.values())
@@ -580,7 +594,7 @@ class _Loading:
             names = coordinate_names(tree.model)
             self.assembled = rigid_system(self.description, tree, parts, motors, names, limits)
         else:
-            system = replace(known.system, rigid=tree.model, expansion=tree)
+            system = known.system.weighed(tree.model, tree, known.system.K, known.system.D)
             self.assembled = replace(known, system=system)
         return self.assembled
 
@@ -615,6 +629,13 @@ def _made_alike(a: Mapping[str, FlexiblePart], b: Mapping[str, FlexiblePart]) ->
     """Whether parts of two descriptions that are put together alike are the same."""
     told = ([(x.planes, x.length, x.spec, x.share) for x in parts.values()] for parts in (a, b))
     return a.keys() == b.keys() and next(told) == next(told)
+
+
+def _moving_alike(parts: Mapping[str, FlexiblePart], like: _Systems) -> bool:
+    """Whether parts fit on the joints of systems; a sleeve knows its beam."""
+    if like.flexible.closed.contacts or not parts or parts.keys() != like.parts.keys():
+        return False
+    return all(part.moves_as(like.parts[name]) for name, part in parts.items())
 
 
 def _size(spec: FlexibleLink) -> int:

@@ -23,6 +23,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame
 from pinflex.mechanics.freedoms import INDEPENDENT, Freedoms, allowed
 from pinflex.mechanics.kinks import kinks
+from pinflex.mechanics.model.expansion import weighed
 from pinflex.mechanics.model.loads import (
     Expansion,
     Springs,
@@ -34,7 +35,7 @@ from pinflex.mechanics.model.loads import (
 from pinflex.mechanics.model.parts import FlexiblePart, link_damping, rows_of
 from pinflex.mechanics.model.slider import Sleeve, sleeve
 from pinflex.mechanics.model.system import Idle, System
-from pinflex.mechanics.model.tree import joint_springs
+from pinflex.mechanics.model.tree import Link, joint_springs
 from pinflex.mechanics.reference.evaluator import Placing
 from pinflex.text import brief
 
@@ -283,14 +284,13 @@ def _ground(description: Description, tree: Expansion, guess: Array) -> dict[str
     return places
 
 
-def flexible_system(
+def _matrices(
     description: Description,
     expansion: Expansion,
     parts: Mapping[str, FlexiblePart],
-    assembled: Assembled,
-) -> tuple[System, LoopReport]:
-    """The system in which links bend and elastic joints give way, and its closure rows."""
-    rigid, home, idle = assembled.system, assembled.home, assembled.idle
+    rigid: System,
+) -> tuple[Array, Array]:
+    """Stiffness and damping of links and gears, each (nv, nv)."""
     n, m = int(rigid.rigid.nv), expansion.n_eta
     K, D = np.zeros((n + m, n + m)), np.zeros((n + m, n + m))
     D[:n, :n] = rigid.D
@@ -303,6 +303,31 @@ def flexible_system(
     for place in expansion.drives:
         gear, k = gears[place.joint], n + place.eta
         K[k, k], D[k, k] = gear.stiffness or 0.0, gear.damping
+    return K, D
+
+
+def weighed_system(
+    description: Description,
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+    rigid: System,
+    like: System,
+) -> System:
+    """The flexible system of parts that move as those of another: of it all but their numbers."""
+    expansion = weighed(like.expansion, links, parts)
+    return like.weighed(rigid.rigid, expansion, *_matrices(description, expansion, parts, rigid))
+
+
+def flexible_system(
+    description: Description,
+    expansion: Expansion,
+    parts: Mapping[str, FlexiblePart],
+    assembled: Assembled,
+) -> tuple[System, LoopReport]:
+    """The system in which links bend and elastic joints give way, and its closure rows."""
+    rigid, home, idle = assembled.system, assembled.home, assembled.idle
+    K, D = _matrices(description, expansion, parts, rigid)
+    m = expansion.n_eta
     held = _sleeves(description, parts, expansion)
     loops = (*description.loops, *idle.spins)
     coupled = description.couplings
@@ -317,7 +342,7 @@ def flexible_system(
         kinks(description, rigid.rigid, expansion),
     )  # fmt: skip
     require_workspace(description.name, system, description.limit)
-    J = np.zeros((0, n + m))
+    J = np.zeros((0, system.nv))
     if every.n:
         # By the reference: once, where tables for the compiled kernel cost more than they save.
         J = Equations(system).reference.close(np.concatenate([home, np.zeros(m)])[None]).J[0]

@@ -3,48 +3,72 @@
      [ mu^2 M + h mu C + h^2 K    J' ] [  dz  ]     [ r      ]
      [ J                          0  ] [ -dlam] = - [ c/h^2  ]
 
+   Eigenvalues stand side by side, as states do in a residual: an entry is a pair of lanes, and LANES
+   matrices are factored by one order of pivots. A real eigenvalue has imaginary parts of zero, and
+   lanes that are left over repeat the last one.
+
    Groups of unknowns are factored as dense blocks, and what they do not touch is left out
    (sparsity.c). Coordinates need no pivots of other groups: with mu in the right half plane the real
    part of the matrix over mu is positive definite, but for forces that drive. Where a pivot is small
-   nevertheless, all are one group. Factors lie column by column, real parts before imaginary ones. */
+   nevertheless, all are one group. Factors lie column by column, inverse pivots on the diagonal. */
 #include "chain.h"
-#include "lu.h"
 #include "march.h"
 #include "sparsity.h"
 #include <stddef.h>
+#include <string.h>
 
 static const double SMALL = 1e-6; /* of its column: a pivot that costs digits */
 
-static Int size_of(const Tables *t, const Stages *st) { return st->free + t->closures; }
+typedef struct { Lane re, im; } Pair;
 
-/* u + iv -= (p + iq) (a + ib), n entries */
-static void subtract(Int n, double p, double q, const double *restrict a, const double *restrict b,
-                     double *restrict u, double *restrict v) {
-  Lane x = lane(p), y = lane(q);
-  Int i = 0;
-  for (; i + LANES <= n; i += LANES) {
-    Lane e = *(const LooseLane *)(a + i), f = *(const LooseLane *)(b + i);
-    *(LooseLane *)(u + i) -= e * x - f * y, *(LooseLane *)(v + i) -= e * y + f * x;
+static Int size_of(const Tables *t, const Stages *st) { return st->free + t->closures; }
+static Pair *matrix_of(const Stages *st, Int set, Int n) { return (Pair *)st->lu + set * n * n; }
+
+/* A complex number of each eigenvalue of a set, every `stride` in `from`. */
+static Pair each(const Stages *st, Int set, const double *from, Int stride) {
+  Pair x;
+  for (Int l = 0; l < LANES; l++) {
+    Int e = LANES * set + l, last = st->values - 1;
+    const double *at = from + 2 * stride * (e < last ? e : last);
+    x.re[l] = at[0], x.im[l] = at[1];
   }
-  for (; i < n; i++) u[i] -= a[i] * p - b[i] * q, v[i] -= a[i] * q + b[i] * p;
+  return x;
 }
 
-/* The same with two columns at once: what is read and written of u and v is halved. */
-static void subtract_two(Int n, const double *p, const double *q, const double *restrict a,
-                         const double *restrict b, const double *restrict c,
-                         const double *restrict d, double *restrict u, double *restrict v) {
-  Lane p0 = lane(p[0]), p1 = lane(p[1]), q0 = lane(q[0]), q1 = lane(q[1]);
-  Int i = 0;
-  for (; i + LANES <= n; i += LANES) {
-    Lane e = *(const LooseLane *)(a + i), f = *(const LooseLane *)(b + i);
-    Lane g = *(const LooseLane *)(c + i), k = *(const LooseLane *)(d + i);
-    *(LooseLane *)(u + i) -= e * p0 - f * q0 + (g * p1 - k * q1);
-    *(LooseLane *)(v + i) -= e * q0 + f * p0 + (g * q1 + k * p1);
+static Pair product(Pair a, Pair b) {
+  return (Pair){a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
+}
+
+static void take(Pair *u, Pair a, Pair p) {
+  u->re -= a.re * p.re, u->im -= a.re * p.im;
+  u->re += a.im * p.im, u->im -= a.im * p.re;
+}
+
+/* u -= a p, n entries; and u -= a p + b q: what is read and written of u is halved. */
+static void take_one(Int n, const Pair *restrict a, Pair p, Pair *restrict u) {
+  for (Int i = 0; i < n; i++) take(u + i, a[i], p);
+}
+
+static void take_two(Int n, const Pair *restrict a, const Pair *restrict b, Pair p, Pair q,
+                     Pair *restrict u) {
+  for (Int i = 0; i < n; i++) {
+    Pair x = u[i];
+    take(&x, a[i], p), take(&x, b[i], q);
+    u[i] = x;
   }
-  for (; i < n; i++) {
-    u[i] -= a[i] * p[0] - b[i] * q[0] + (c[i] * p[1] - d[i] * q[1]);
-    v[i] -= a[i] * q[0] + b[i] * p[0] + (c[i] * q[1] + d[i] * p[1]);
-  }
+}
+
+static Lane largest(Lane most, Pair x) {
+  const LaneBits size = {INT64_MAX, INT64_MAX, INT64_MAX, INT64_MAX}; /* all but the sign */
+  Lane y = (Lane)((LaneBits)x.re & size) + (Lane)((LaneBits)x.im & size);
+  LaneBits more = y > most;
+  return (Lane)((more & (LaneBits)y) | (~more & (LaneBits)most));
+}
+
+static double least(Lane x) {
+  double y = x[0];
+  for (int l = 1; l < LANES; l++) y = x[l] < y ? x[l] : y;
+  return y;
 }
 
 /* Rows from `first` on to the end of a group, and those of its spans: [0, 1), [2, 3) ... of `rows`. */
@@ -59,173 +83,155 @@ static Int rows_of(const Group *g, Int first, Int *rows) {
 }
 
 /* Swap two rows of a group, in its columns from `first` on and in those that it touches. */
-static void swap_rows(double *A, Int n, Int first, const Group *g, Int i, Int j) {
+static void swap_rows(Pair *A, Int n, Int first, const Group *g, Int i, Int j) {
   Int at[2 * SPANS + 2], ends = rows_of(g, first, at);
   for (Int c = 0; c < ends; c += 2)
     for (Int k = at[c]; k < at[c + 1]; k++) {
-      double x = A[k * n + i];
+      Pair x = A[k * n + i];
       A[k * n + i] = A[k * n + j], A[k * n + j] = x;
     }
 }
 
-/* Find the pivot of column k in its group, bring it up, and divide what is below; 0 where it is none. */
-static int eliminate(double *re, double *im, Int n, Int k, Int first, const Group *g, Int *pivot) {
-  double *a = re + k * n, *b = im + k * n, most = -1.0, below = 0.0;
-  for (Int i = k; i < g->end; i++) {
-    double x = fabs(a[i]) + fabs(b[i]);
-    if (x > most) most = x, pivot[k] = i;
-  }
+/* Find the pivot of column k in its group, the row that is next to the largest entry in all matrices,
+   bring it up, and divide what is below; 0 where it is none. */
+static int eliminate(Pair *A, Int n, Int k, Int first, const Group *g, Int *pivot) {
+  Pair *a = A + k * n;
+  Lane most = lane(0.0), below = lane(0.0);
+  double best = 0.0;
+  for (Int i = k; i < g->end; i++) most = largest(most, a[i]);
   for (Int p = 0; p < g->spans; p++)
-    for (Int i = g->at[2 * p]; i < g->at[2 * p + 1]; i++) below = fmax(below, fabs(a[i]) + fabs(b[i]));
-  if (!(most > SMALL * below) || !(most < 1e300)) return 0;
-  if (pivot[k] != k) swap_rows(re, n, first, g, k, pivot[k]), swap_rows(im, n, first, g, k, pivot[k]);
-  double d = 1.0 / (a[k] * a[k] + b[k] * b[k]), x = a[k] * d, y = -b[k] * d;
+    for (Int i = g->at[2 * p]; i < g->at[2 * p + 1]; i++) below = largest(below, a[i]);
+  pivot[k] = k;
+  for (Int i = k; i < g->end; i++) {
+    double share = least(largest(lane(0.0), a[i]) / most);
+    if (share > best) best = share, pivot[k] = i;
+  }
+  if (pivot[k] != k) swap_rows(A, n, first, g, k, pivot[k]);
+  Lane found = largest(lane(0.0), a[k]);
+  for (int l = 0; l < LANES; l++)
+    if (!(found[l] > SMALL * below[l]) || !(found[l] < 1e300)) return 0;
+  Lane d = 1.0 / (a[k].re * a[k].re + a[k].im * a[k].im);
+  Pair inverse = {a[k].re * d, -a[k].im * d};
+  a[k] = inverse;
   Int at[2 * SPANS + 2], ends = rows_of(g, k + 1, at);
   for (Int r = 0; r < ends; r += 2)
-    for (Int i = at[r]; i < at[r + 1]; i++) {
-      double p = a[i], q = b[i];
-      a[i] = p * x - q * y, b[i] = p * y + q * x;
-    }
+    for (Int i = at[r]; i < at[r + 1]; i++) a[i] = product(a[i], inverse);
   return 1;
 }
 
 /* Columns k and k + 1, eliminated, taken off the columns of a group and of its spans. */
-static void take_off(double *re, double *im, Int n, Int k, const Group *g) {
-  const double *a = re + k * n, *b = im + k * n, *c = a + n, *d = b + n;
+static void take_off(Pair *A, Int n, Int k, const Group *g) {
+  const Pair *a = A + k * n, *b = a + n;
   Int at[2 * SPANS + 2], ends = rows_of(g, k + 2, at);
   for (Int s = 0; s < ends; s += 2)
     for (Int j = at[s]; j < at[s + 1]; j++) {
-      double *u = re + j * n, *v = im + j * n, *p = u + k, *q = v + k;
-      p[1] -= a[k + 1] * p[0] - b[k + 1] * q[0];
-      q[1] -= a[k + 1] * q[0] + b[k + 1] * p[0];
-      if (p[0] == 0.0 && q[0] == 0.0 && p[1] == 0.0 && q[1] == 0.0) continue;
-      for (Int r = 0; r < ends; r += 2) {
-        Int i = at[r];
-        subtract_two(at[r + 1] - i, p, q, a + i, b + i, c + i, d + i, u + i, v + i);
-      }
+      Pair *u = A + j * n;
+      take(u + k + 1, a[k + 1], u[k]);
+      for (Int r = 0; r < ends; r += 2)
+        take_two(at[r + 1] - at[r], a + at[r], b + at[r], u[k], u[k + 1], u + at[r]);
     }
 }
 
 /* Column k alone, eliminated, taken off columns `first` to `end`. */
-static void take_off_one(double *re, double *im, Int n, Int k, Int first, Int end, const Group *g) {
-  const double *a = re + k * n, *b = im + k * n;
+static void take_off_one(Pair *A, Int n, Int k, Int first, Int end, const Group *g) {
+  const Pair *a = A + k * n;
   Int at[2 * SPANS + 2], ends = rows_of(g, k + 1, at);
-  for (Int j = first; j < end; j++)
-    for (Int r = 0; r < ends; r += 2) {
-      double *u = re + j * n, *v = im + j * n;
-      subtract(at[r + 1] - at[r], u[k], v[k], a + at[r], b + at[r], u + at[r], v + at[r]);
-    }
+  for (Pair *u = A + first * n; u < A + end * n; u += n)
+    for (Int r = 0; r < ends; r += 2) take_one(at[r + 1] - at[r], a + at[r], u[k], u + at[r]);
 }
 
-/* Complex LU, group by group, two columns at a time, with pivots of the same group; 0 where one is
+/* LU of a set, group by group, two columns at a time, with pivots of the same group; 0 where one is
    none. */
-static int decompose(double *re, double *im, Int n, const Sparsity *s, Int *pivot) {
+static int decompose(Pair *A, Int n, const Sparsity *s, Int *pivot) {
   const Group *g = s->group;
   for (Int first = 0; first < n; first = g++->end)
     for (Int k = first; k < g->end; k += 2) {
-      if (!eliminate(re, im, n, k, first, g, pivot)) return 0;
+      if (!eliminate(A, n, k, first, g, pivot)) return 0;
       if (k + 1 == g->end) {
         for (Int p = 0; p < g->spans; p++)
-          take_off_one(re, im, n, k, g->at[2 * p], g->at[2 * p + 1], g);
+          take_off_one(A, n, k, g->at[2 * p], g->at[2 * p + 1], g);
         break;
       }
-      take_off_one(re, im, n, k, k + 1, k + 2, g);
-      if (!eliminate(re, im, n, k + 1, first, g, pivot)) return 0;
-      take_off(re, im, n, k, g);
+      take_off_one(A, n, k, k + 1, k + 2, g);
+      if (!eliminate(A, n, k + 1, first, g, pivot)) return 0;
+      take_off(A, n, k, g);
     }
   return 1;
 }
 
-/* x + iy over a + ib */
-static void divide(double a, double b, double *x, double *y) {
-  double d = 1.0 / (a * a + b * b), p = (*x * a + *y * b) * d;
-  *y = (*y * a - *x * b) * d, *x = p;
-}
-
 /* What multipliers of a group take off the unknowns below, two columns at a time. */
-static void forward(const double *re, const double *im, Int n, Int first, const Group *g, double *x,
-                    double *y) {
+static void forward(const Pair *A, Int n, Int first, const Group *g, Pair *x) {
   Int at[2 * SPANS + 2];
   for (Int k = first; k < g->end; k += 2) {
-    const double *a = re + k * n, *b = im + k * n;
-    if (k + 1 < g->end) subtract(1, x[k], y[k], a + k + 1, b + k + 1, x + k + 1, y + k + 1);
-    for (Int r = 0, ends = rows_of(g, k + 2 < g->end ? k + 2 : g->end, at); r < ends; r += 2) {
+    const Pair *a = A + k * n;
+    int two = k + 1 < g->end;
+    if (two) take(x + k + 1, a[k + 1], x[k]);
+    for (Int r = 0, ends = rows_of(g, k + 1 + two, at); r < ends; r += 2) {
       Int i = at[r], rows = at[r + 1] - i;
-      if (k + 1 == g->end) subtract(rows, x[k], y[k], a + i, b + i, x + i, y + i);
-      else subtract_two(rows, x + k, y + k, a + i, b + i, a + n + i, b + n + i, x + i, y + i);
+      if (two) take_two(rows, a + i, a + n + i, x[k], x[k + 1], x + i);
+      else take_one(rows, a + i, x[k], x + i);
     }
   }
 }
 
-static void substitute(const double *re, const double *im, Int n, const Sparsity *s, const Int *pivot,
-                       double *x, double *y) {
+static void substitute(const Pair *A, Int n, const Sparsity *s, const Int *pivot, Pair *x) {
   const Group *g = s->group;
   for (Int first = 0; first < n; first = g++->end) {
     for (Int k = first; k < g->end; k++) {
-      double p = x[pivot[k]], q = y[pivot[k]];
-      x[pivot[k]] = x[k], y[pivot[k]] = y[k];
-      x[k] = p, y[k] = q;
+      Pair y = x[pivot[k]];
+      x[pivot[k]] = x[k], x[k] = y;
     }
-    forward(re, im, n, first, g, x, y);
+    forward(A, n, first, g, x);
   }
   for (Int k = n - 1; k >= 0; k -= 2) {
-    const double *a = re + k * n, *b = im + k * n;
-    divide(a[k], b[k], x + k, y + k);
+    const Pair *a = A + k * n, *b = a - n;
+    x[k] = product(x[k], a[k]);
     if (k == 0) break;
-    subtract(1, x[k], y[k], a + k - 1, b + k - 1, x + k - 1, y + k - 1);
-    divide(a[k - 1 - n], b[k - 1 - n], x + k - 1, y + k - 1);
-    Int i = s->top[k] < s->top[k - 1] ? s->top[k] : s->top[k - 1];
-    if (i < k - 1)
-      subtract_two(k - 1 - i, x + k - 1, y + k - 1, a - n + i, b - n + i, a + i, b + i, x + i, y + i);
+    take(x + k - 1, a[k - 1], x[k]);
+    x[k - 1] = product(x[k - 1], b[k - 1]);
+    Int i = s->top[k];
+    if (i < k - 1) take_two(k - 1 - i, b + i, a + i, x[k - 1], x[k], x + i);
   }
 }
 
-/* Column of the matrix of an eigenvalue, its unknowns in order: entries that links know. */
-static void assemble(const Tables *t, const Stages *st, Int e, const Sparsity *s, Int column,
-                     double *re, double *im) {
-  Int free = st->free, n = size_of(t, st);
-  const uint64_t *linked = s->links + column * words_of(n);
-  double h = st->h, x = st->value[2 * e], y = st->value[2 * e + 1];
-  double square = x * x - y * y, cross = 2 * x * y;
-  if (*s->groups <= DENSE && column < free) { /* in order as they are */
-    for (Int j = 0; j < free; j++) {
-      Int entry = j * free + column;
-      double M = st->M[entry], C = h * st->C[entry];
-      re[j] = square * M + x * C + h * h * st->K[entry], im[j] = cross * M + y * C;
+/* Weights of M, C and K in the matrices of a set. */
+typedef struct { Pair M, C; Lane K; } Weights;
+
+static Pair entry(const Stages *st, const Weights *w, Int at) {
+  double M = st->M[at], C = st->C[at];
+  return (Pair){w->M.re * M + w->C.re * C + w->K * st->K[at], w->M.im * M + w->C.im * C};
+}
+
+/* The matrices of a set, unknowns in order: entries that links know. */
+static void assemble(const Tables *t, const Stages *st, Int set, const Sparsity *s, Pair *A) {
+  Int free = st->free, n = size_of(t, st), all = *s->groups <= DENSE;
+  Pair mu = each(st, set, st->value, 1);
+  Weights w = {product(mu, mu), {st->h * mu.re, st->h * mu.im}, lane(st->h * st->h)};
+  const Group *g = s->group;
+  for (Int j = 0; j < n; j++) {
+    if (j == g->end) g++;
+    Pair *u = A + j * n;
+    memset(u + s->top[j], 0, (g->end - s->top[j]) * sizeof(Pair));
+    for (Int p = 0; p < g->spans; p++)
+      memset(u + g->at[2 * p], 0, (g->at[2 * p + 1] - g->at[2 * p]) * sizeof(Pair));
+    Int column = s->order[j];
+    const uint64_t *linked = s->links + column * words_of(n);
+    for (Int k = all ? 0 : next_of(linked, 0, n); k < n; k = all ? k + 1 : next_of(linked, k + 1, n)) {
+      Pair *to = u + s->place[k];
+      if (k < free && column < free) *to = entry(st, &w, k * free + column);
+      else if (k < free) to->re = lane(st->J[(column - free) * free + k]);
+      else if (column < free) to->re = lane(st->J[(k - free) * free + column]);
     }
-    for (Int k = free; k < n; k++) re[k] = st->J[(k - free) * free + column], im[k] = 0.0;
-    return;
   }
-  for (Int i = 0; i < n; i++) re[i] = im[i] = 0.0;
-  if (column >= free && *s->groups <= DENSE) {
-    copy(re, st->J + (column - free) * free, free);
-    return;
-  }
-  if (column >= free) {
-    const double *J = st->J + (column - free) * free;
-    for (Int j = next_of(linked, 0, free); j < free; j = next_of(linked, j + 1, free))
-      re[s->place[j]] = J[j];
-    return;
-  }
-  for (Int j = next_of(linked, 0, free); j < free; j = next_of(linked, j + 1, free)) {
-    Int i = s->place[j], entry = j * free + column;
-    double M = st->M[entry], C = h * st->C[entry];
-    re[i] = square * M + x * C + h * h * st->K[entry], im[i] = cross * M + y * C;
-  }
-  for (Int k = free; k < n; k++) re[s->place[k]] = st->J[(k - free) * free + column];
 }
-
-/* Of an odd number of stages one eigenvalue is real, and so is its matrix. */
-static int is_real(const Stages *st, Int e) { return st->value[2 * e + 1] == 0.0; }
 
 static int factored(const Tables *t, const Stages *st) {
   Int n = size_of(t, st);
   Sparsity s = sparsity(t, st);
-  for (Int e = 0; e < st->values; e++) {
-    double *re = st->lu + 2 * e * n * n, *im = re + n * n;
-    Int *pivot = st->pivot + e * n;
-    for (Int j = 0; j < n; j++) assemble(t, st, e, &s, s.order[j], re + j * n, im + j * n);
-    if (!(is_real(st, e) ? factors(re, n, pivot) : decompose(re, im, n, &s, pivot))) return 0;
+  for (Int set = 0; set < lanes_of(st->values); set++) {
+    Pair *A = matrix_of(st, set, n);
+    assemble(t, st, set, &s, A);
+    if (!decompose(A, n, &s, st->pivot + set * n)) return 0;
   }
   return 1;
 }
@@ -261,47 +267,59 @@ EXPORT int pinflex_factor_tangent(const Tables *t, Stages *st, const double *M) 
 }
 
 /* Right sides along the eigenvectors, forward times -(r, c / h^2), in order. */
-static void project_stages(const Tables *t, const Stages *st, Int e, const Int *order, double *x,
-                           double *y) {
+static void project_stages(const Tables *t, const Stages *st, Int set, const Int *order, Pair *x) {
   Int n = st->free, rows = t->closures, size = n + rows;
-  for (Int i = 0; i < size; i++) x[i] = y[i] = 0.0;
+  double inverse = 1.0 / (st->h * st->h);
+  memset(x, 0, size * sizeof(Pair));
   for (Int k = 0; k < st->s; k++) {
-    double p = -st->forward[2 * (e * st->s + k)], q = -st->forward[2 * (e * st->s + k) + 1];
+    Pair p = each(st, set, st->forward + 2 * k, st->s);
     for (Int i = 0; i < size; i++) {
       Int j = order[i];
-      double r = j < n ? st->r[k * t->nv + st->free_at[j]]
-                       : st->open[k * rows + j - n] / (st->h * st->h);
-      x[i] += p * r, y[i] += q * r;
+      double r = j < n ? st->r[k * t->nv + st->free_at[j]] : inverse * st->open[k * rows + j - n];
+      x[i].re -= p.re * r, x[i].im -= p.im * r;
+    }
+  }
+}
+
+/* Those of a chain, one eigenvalue after the other; behind x there is room for one. */
+static void solve_chain(const Tables *t, const Stages *st, Int set, Pair *x, double *room) {
+  Int n = st->free;
+  for (Int l = 0; l < LANES && LANES * set + l < st->values; l++) {
+    for (Int i = 0; i < n; i++) room[i] = x[i].re[l], room[n + i] = x[i].im[l];
+    chain_solve(t, st, LANES * set + l, room, room + n);
+    for (Int i = 0; i < n; i++) x[i].re[l] = room[i], x[i].im[l] = room[n + i];
+  }
+}
+
+/* What a set adds to dlam, and to dz in `change`. */
+static void add_stages(const Tables *t, const Stages *st, Int set, const Int *order, const Pair *x) {
+  Int n = st->free, rows = t->closures, size = n + rows, kept = st->values - LANES * set;
+  for (Int k = 0; k < st->s; k++) {
+    Pair p = each(st, set, st->back + 2 * k * st->values, 1);
+    for (Int l = kept; l < LANES; l++) p.re[l] = p.im[l] = 0.0;
+    for (Int i = 0; i < size; i++) {
+      Lane z = p.re * x[i].re - p.im * x[i].im;
+      double sum = (z[0] + z[1]) + (z[2] + z[3]);
+      Int j = order[i];
+      if (j < n) st->change[k * t->nv + st->free_at[j]] += sum;
+      else st->dlam[k * rows + j - n] -= sum;
     }
   }
 }
 
 /* dlam, and dz in `change`, from the residuals. */
 EXPORT void pinflex_solve(const Tables *t, const Stages *st) {
-  Int n = st->free, rows = t->closures, size = size_of(t, st), s = st->s, nv = t->nv;
+  Int n = st->free, size = size_of(t, st), sets = lanes_of(st->values);
   Sparsity known = sparsity(t, st);
-  const Int *order = known.order;
-  for (Int e = 0; e < st->values; e++) {
-    const double *re = st->lu + 2 * e * size * size;
-    double *x = st->part + 2 * e * size, *y = x + size;
-    const Int *pivot = st->pivot + e * size;
-    project_stages(t, st, e, order, x, y);
-    if (st->joined) chain_solve(t, st, e, x, y);
-    else if (is_real(st, e)) solve(re, size, pivot, x);
-    else substitute(re, re + size * size, size, &known, pivot, x, y);
-  }
-  for (Int k = 0; k < s; k++) {
-    for (Int j = 0; j < rows; j++) st->dlam[k * rows + j] = 0.0;
-    for (Int j = 0; j < n; j++) st->change[k * nv + st->free_at[j]] = 0.0;
-    for (Int e = 0; e < st->values; e++) {
-      const double *x = st->part + 2 * e * size, *y = x + size;
-      double p = st->back[2 * (k * st->values + e)], q = st->back[2 * (k * st->values + e) + 1];
-      for (Int i = 0; i < size; i++) {
-        Int j = order[i];
-        if (j < n) st->change[k * nv + st->free_at[j]] += p * x[i] - q * y[i];
-        else st->dlam[k * rows + j - n] -= p * x[i] - q * y[i];
-      }
-    }
+  for (Int k = 0; k < st->s; k++)
+    for (Int j = 0; j < n; j++) st->change[k * t->nv + st->free_at[j]] = 0.0;
+  memset(st->dlam, 0, st->s * t->closures * sizeof(double));
+  for (Int set = 0; set < sets; set++) {
+    Pair *x = (Pair *)st->part;
+    project_stages(t, st, set, known.order, x);
+    if (st->joined) solve_chain(t, st, set, x, (double *)(x + size));
+    else substitute(matrix_of(st, set, size), size, &known, st->pivot + set * size, x);
+    add_stages(t, st, set, known.order, x);
   }
 }
 

@@ -72,15 +72,13 @@ static void branches(Int n, const uint64_t *set, const Int *rank, Int *parent, I
   for (Int i = 0; i < n; i++) order[below[i]] = i;
 }
 
-/* The spans of places in `touched`, behind `end`: whole lanes, or up to the last place. */
+/* The spans of places in `touched`, behind `end`. */
 static void find_spans(const unsigned char *touched, Int end, Int n, Group *group) {
   Int spans = 0, last = 0;
   for (Int i = end; i < n; i++) {
     if (!touched[i]) continue;
     if (!spans || (i - last >= GAP && spans < SPANS)) group->at[2 * spans++] = last = i;
-    Int begin = group->at[2 * (spans - 1)], whole = begin + (i - begin + LANES) / LANES * LANES;
-    last = whole < n ? whole : n;
-    group->at[2 * spans - 1] = last;
+    group->at[2 * spans - 1] = last = i + 1;
   }
   group->spans = spans;
 }
@@ -107,6 +105,10 @@ static void find_groups(Int n, const uint64_t *set, const Int *parent, unsigned 
     for (Int p = 0; p < group->spans; p++)
       for (Int k = group->at[2 * p]; k < group->at[2 * p + 1]; k++)
         s->top[k] = s->top[k] < first ? s->top[k] : first;
+  }
+  for (Int k = n - 1; k > 0; k -= 2) { /* two columns at a time are taken off */
+    Int *top = s->top + k;
+    top[0] = top[-1] = top[0] < top[-1] ? top[0] : top[-1];
   }
 }
 

@@ -12,7 +12,8 @@ typedef struct {
 } Group;
 
 /* groups: how many, one number; DENSE: all are one; UNKNOWN: too, as `dense` has it. order: which unknown stands where, free rows
-   before closures; place: the other way. top: of each column, the first row of U. links: by unknown,
+   before closures; place: the other way. top: of each column, the first row of U, or
+   that of the column beside it, which is taken off with it. links: by unknown,
    a bit for each that an entry links it with. All behind the pivots of the stages, in
    (17 + 2 ((n + 63) / 64)) n + 1 numbers for n unknowns. */
 typedef struct {

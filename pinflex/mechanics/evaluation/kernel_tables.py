@@ -162,7 +162,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Kinks, "rows energy"),
         (AddedMasses, "joints inertia"),
         # Gears that give way are joints and rows of the map like those of links.
-        (Expansion, "model q_at v_at blocks frames slots n_eta drives"),
+        (Expansion, "model q_at v_at blocks frames slots n_eta drives carried"),
         (ElasticDrive, "joint eta row"),
         (Block, "rows q_rows Phi G eta"),
         (Attachment, "joint placement"),
@@ -258,7 +258,8 @@ def tables(system: System) -> Tables:
         "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
         "armature": model.armature,
         **_nodes(model, nodes, node_of), **_points(model, points, node_of),
-        **_twists(model, twists, node_of), **_map(expansion), **_blocks(expansion, nodes),
+        **_twists(model, twists, node_of), **_masses(model, nodes, points, twists),
+        **_map(expansion), **_blocks(expansion, nodes),
         **_loops(closed, node_of), **strain_tables(system), **_beside(system, node_of),
         **_sparse(system.K[nv_rigid:, nv_rigid:], "k"), **_sparse(system.D, "d"),
     }  # fmt: skip
@@ -278,6 +279,19 @@ def tables(system: System) -> Tables:
         "touches": len(system.loads.touches),
     }  # fmt: skip
     return Tables(counts, arrays)
+
+
+def weighed(known: Tables, system: System) -> Tables:
+    """Tables of a system on the joints of another, whose tables are known, with its own numbers."""
+    nodes, points, twists = system.sorted_joints
+    n = int(system.rigid.nv)
+    entries = _sparse(system.K[n:, n:], "k") | _sparse(system.D, "d")
+    numbers = {name: entries.pop(name) for name in ("k", "d")}
+    if not all(np.array_equal(known.arrays[name], at) for name, at in entries.items()):
+        return tables(system)
+    model = system.expansion.model
+    numbers |= _masses(model, nodes, points, twists) | {"armature": model.armature}
+    return known.replaced(numbers | {"rest": strain_tables(system)["rest"]})
 
 
 def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
@@ -352,8 +366,8 @@ def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]
 
 
 def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
-    every = model.joints.tolist(), model.jointPlacements.tolist(), model.inertias.tolist()
-    own, places, bodies = ([of[j] for j in joints] for of in every)
+    every = model.joints.tolist(), model.jointPlacements.tolist()
+    own, places = ([of[j] for j in joints] for of in every)
     kinds = [_kind(joint) for joint in own]
     return {
         "parent": node_of[model.parents.tolist()][joints],
@@ -361,30 +375,39 @@ def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, 
         "axis": [axis for _, axis in kinds],
         "R0": [place.rotation for place in places],
         "p0": [place.translation for place in places],
-        "mass": [body.mass for body in bodies],
-        "com": [body.lever for body in bodies],
-        "inertia": [body.inertia for body in bodies],
         **_rows_of(model, joints, "node"),
     }
 
 
+def _masses(
+    model: pin.Model, nodes: list[int], points: list[int], twists: list[int]
+) -> dict[str, Any]:
+    every = model.inertias.tolist()
+    bodies = [every[j] for j in nodes]
+    return {
+        "mass": [body.mass for body in bodies],
+        "com": [body.lever for body in bodies],
+        "inertia": [body.inertia for body in bodies],
+        "point_mass": [every[j].mass for j in points],
+        "twist_inertia": [every[j].inertia[0, 0] for j in twists],
+    }
+
+
 def _points(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
-    places, bodies = model.jointPlacements.tolist(), model.inertias.tolist()
+    places = model.jointPlacements.tolist()
     return {
         "point_node": node_of[model.parents.tolist()][joints],
         "point_R": [places[j].rotation for j in joints],
         "point_p": [places[j].translation for j in joints],
-        "point_mass": [bodies[j].mass for j in joints],
         **_rows_of(model, joints, "point"),
     }
 
 
 def _twists(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, Any]:
-    places, bodies = model.jointPlacements.tolist(), model.inertias.tolist()
+    places = model.jointPlacements.tolist()
     return {
         "twist_node": node_of[model.parents.tolist()][joints],
         "twist_axis": [places[j].rotation[:, 0] for j in joints],
-        "twist_inertia": [bodies[j].inertia[0, 0] for j in joints],
         **_rows_of(model, joints, "twist"),
     }
 

@@ -8,13 +8,17 @@ the link's modal coordinates eta, right to second order:
 
 With the rigid coordinates q kept as they are, minimal coordinates y = (q, eta) map to expanded ones
 Q = T(y), V = X v, A = X a + Xdot v, and Pinocchio does the rest on Q.
+
+Joints come first, and what they carry is put on them in the end: a design that differs in masses
+and stiffness alone has the joints and the map of another one, and is weighed anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from functools import partial
+from itertools import groupby, repeat
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +37,7 @@ from pinflex.mechanics.model.loads import (
     rigid_indices,
 )
 from pinflex.mechanics.model.parts import FlexiblePart
-from pinflex.mechanics.model.tree import JointStep, Link, Rider
+from pinflex.mechanics.model.tree import JointStep, Link
 
 # Blocks of the coordinate map: neighbouring bodies of equal shape side by side.
 
@@ -84,12 +88,76 @@ _SLIDE = pin.JointModelTranslation()
 _TURNS = pin.JointModelRZ(), pin.JointModelRY(), pin.JointModelRX()
 
 
+# What joints carry: the inertias of a link, of all or some of its stations, or of a rider on it.
+
+Of = Callable[[Sequence[Link], Mapping[str, FlexiblePart]], Sequence[pin.Inertia]]
+# Joints, the places of what they carry (each in the frame of the next), and what that is.
+Carried = tuple[Sequence[int], tuple[pin.SE3, ...], Of]
+
+
+def _own(number: int, links: Sequence[Link], _: object) -> Sequence[pin.Inertia]:
+    return (links[number].inertia,)
+
+
+def _undeformed(name: str, _: object, parts: Mapping[str, FlexiblePart]) -> Sequence[pin.Inertia]:
+    return parts[name].rigid_inertias()
+
+
+def _rider(
+    name: str, number: int, _: object, parts: Mapping[str, FlexiblePart]
+) -> Sequence[pin.Inertia]:
+    return (parts[name].riders[number].inertia,)
+
+
+def _of_stations(
+    name: str, segment: int, turned: bool, _: object, parts: Mapping[str, FlexiblePart]
+) -> Sequence[pin.Inertia]:
+    body = parts[name].bodies[segment]
+    tensors = map(np.diag, body.inertia) if turned else repeat(_POINT)  # type: ignore[arg-type]
+    masses = zip(body.mass.tolist(), tensors, strict=False)
+    return [pin.Inertia(mass, _NOWHERE, tensor) for mass, tensor in masses]
+
+
+def _of_twists(
+    name: str, segment: int, _: object, parts: Mapping[str, FlexiblePart]
+) -> Sequence[pin.Inertia]:
+    turning = parts[name].bodies[segment].It.tolist()
+    return [pin.Inertia(0.0, _NOWHERE, np.diag([one, 0.0, 0.0])) for one in turning]
+
+
+def _weigh(
+    model: pin.Model,
+    carried: Iterable[Carried],
+    links: Sequence[Link],
+    parts: Mapping[str, FlexiblePart],
+) -> None:
+    """Put on joints what they carry."""
+    for joints, places, of in carried:
+        for joint, inertia in zip(joints, of(links, parts), strict=True):
+            for place in places:
+                inertia = place.act(inertia)
+            model.appendBodyToJoint(joint, inertia, _HERE)
+
+
+def weighed(
+    expansion: Expansion, links: Sequence[Link], parts: Mapping[str, FlexiblePart]
+) -> Expansion:
+    """The same joints under links and parts that move alike (`FlexiblePart.moves_as`)."""
+    model, none = pin.Model(expansion.model), pin.Inertia.Zero()
+    for joint in {joint for joints, _, _ in expansion.carried for joint in joints}:
+        model.inertias[joint] = none
+    _weigh(model, expansion.carried, links, parts)
+    bodies = {name: iter(part.bodies) for name, part in parts.items()}
+    slots = tuple(replace(slot, body=next(bodies[slot.link])) for slot in expansion.slots)
+    return replace(expansion, model=model, slots=slots)
+
+
 @dataclass
 class _Section:
-    """What a section of a flexible link carries: links by their numbers, and riders."""
+    """What a section of a flexible link carries: links, and riders of it, by their numbers."""
 
     children: list[int] = field(default_factory=list)
-    riders: list[Rider] = field(default_factory=list)
+    riders: list[int] = field(default_factory=list)
 
 
 def _section(sections: list[dict[float, _Section]], part: FlexiblePart, x: float) -> _Section:
@@ -113,6 +181,7 @@ class _Assembler:
     n_eta: int = 0
     geared: frozenset[str] = frozenset()
     gears: list[tuple[str, int]] = field(default_factory=list)
+    carried: list[Carried] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.children: list[list[int]] = [[] for _ in self.links]
@@ -135,8 +204,11 @@ class _Assembler:
         if part is not None and self.flexible:
             self._flexible_link(number, here, part)
             return
-        for inertia in (link.inertia,) if part is None else part.rigid_inertias():
-            self._append(here, inertia)
+        if part is None:
+            self._append(here, partial(_own, number))
+        else:
+            count = len(part.rigid_inertias())
+            self._append(here, partial(_undeformed, link.name), count=count)
         for child in self.children[number]:
             self._child(child, here, self.links[child].placement)
 
@@ -176,8 +248,8 @@ class _Assembler:
             if self._matters(child):
                 x = part.section_of(self.links[child].placement.translation)
                 _section(sections, part, x).children.append(child)
-        for rider in part.riders:
-            _section(sections, part, rider.x).riders.append(rider)
+        for number, rider in enumerate(part.riders):
+            _section(sections, part, rider.x).riders.append(number)
         for k, body in enumerate(part.bodies):
             if k + 1 < len(part.bodies):
                 sections[k].setdefault(body.length, _Section())
@@ -197,8 +269,8 @@ class _Assembler:
         self.n_eta += body.n
         slot_number = len(self.slots)
         self.maps.append([])
-        stations = self._stations(body, root, slot_number)
-        twists = self._twists(body, root, slot_number)
+        stations = self._stations(part.link, k, body, root)
+        twists = self._twists(part.link, k, body, root)
         self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
         interfaces: list[Interface] = []
         following = root
@@ -212,9 +284,10 @@ class _Assembler:
                 place = np.array([x, 0.0, 0.0])
                 interfaces.append(self._node(root, slot_number, place, Phi, G))
                 here = interfaces[-1].attachment
-            for rider in section.riders:
-                apart = pin.SE3(np.eye(3), np.array([rider.x - offset - x, 0.0, 0.0]))
-                self._append(here, apart.act(rider.inertia))
+            for number in section.riders:
+                apart = np.array([part.riders[number].x - offset - x, 0.0, 0.0])
+                of = partial(_rider, part.link, number)
+                self._append(here, of, pin.SE3(np.eye(3), apart))
             to_section = part.placement * pin.SE3(np.eye(3), np.array([offset + x, 0.0, 0.0]))
             for child in section.children:
                 self._child(child, here, to_section.actInv(self.links[child].placement))
@@ -232,7 +305,7 @@ class _Assembler:
         self.n_eta += body.n
         slot = len(self.slots)
         self.maps.append([])
-        stations = self._stations(body, root, slot)
+        stations = self._stations(part.link, 0, body, root)
         none = np.zeros(0, dtype=np.intp)
         self.slots.append(Slot(part.link, 0.0, body, eta, root, stations, none, ()))
         places = [solid.held[1], *(node.place for node in solid.nodes)]
@@ -254,28 +327,28 @@ class _Assembler:
                 self._child(child, Attachment(carrier.joint, section), placement)
         self.slots[slot] = replace(self.slots[slot], interfaces=tuple(interfaces))
 
-    def _stations(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
-        rows = np.empty((len(body.mass), 3), dtype=np.intp)
+    def _stations(self, name: str, segment: int, body: FlexibleBody, root: Attachment) -> IntArray:
+        rows, slot = np.empty((len(body.mass), 3), dtype=np.intp), len(self.slots)
         turned = body.inertia is not None and body.Phi_r is not None
+        joints = []
         for k, place in enumerate(body.points):
             joint, rows[k] = self._slide(root, place)
             self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
-            tensor = _POINT
             if turned:
                 turn = None if body.G_r is None else body.G_r[k]
                 joint = self._turn(joint, slot, body.Phi_r[k], turn)  # type: ignore[index]
-                tensor = np.diag(body.inertia[k])  # type: ignore[index]
-            self._inertia(joint, pin.Inertia(float(body.mass[k]), _NOWHERE, tensor))
+            joints.append(joint)
+        self.carried.append((joints, (), partial(_of_stations, name, segment, turned)))
         return rows
 
-    def _twists(self, body: FlexibleBody, root: Attachment, slot: int) -> IntArray:
+    def _twists(self, name: str, segment: int, body: FlexibleBody, root: Attachment) -> IntArray:
         rows = np.arange(self.model.nv, self.model.nv + len(body.xt), dtype=np.intp)
-        for inertia in body.It:
-            name = f"twist {self.model.njoints}"
-            joint = self.model.addJoint(root.joint, _TURNS[2], root.placement, name)
-            tensor = np.diag([float(inertia), 0.0, 0.0])
-            self._inertia(joint, pin.Inertia(0.0, _NOWHERE, tensor))
-        self._map(slot, rows, body.Phi_t, body.G_t)
+        joints = []
+        for _ in body.It:
+            called = f"twist {self.model.njoints}"
+            joints.append(self.model.addJoint(root.joint, _TURNS[2], root.placement, called))
+        self.carried.append((joints, (), partial(_of_twists, name, segment)))
+        self._map(len(self.slots), rows, body.Phi_t, body.G_t)
         return rows
 
     def _node(
@@ -313,12 +386,9 @@ class _Assembler:
             for k, (row, curved) in enumerate(zip(rows.tolist(), bent.tolist(), strict=True))
         ]
 
-    def _append(self, here: Attachment, inertia: pin.Inertia) -> None:
+    def _append(self, here: Attachment, of: Of, *places: pin.SE3, count: int = 1) -> None:
         if here.joint:
-            self._inertia(here.joint, here.placement.act(inertia))
-
-    def _inertia(self, joint: int, inertia: pin.Inertia) -> None:
-        self.model.appendBodyToJoint(joint, inertia, _HERE)
+            self.carried.append(([here.joint] * count, (*places, here.placement), of))
 
 
 def expand(
@@ -338,6 +408,7 @@ def expand(
     model.gravity.linear = np.array(gravity, float)
     work = _Assembler(links, parts, needed, rigid is not None, model, geared=geared)
     work.run()
+    _weigh(model, work.carried, links, parts)
     q_at, v_at = rigid_indices(model if rigid is None else rigid, model)
     places = enumerate(work.gears, start=work.n_eta)
     drives = tuple(ElasticDrive(name, eta, row) for eta, (name, row) in places)
@@ -345,7 +416,8 @@ def expand(
     turn = np.ones(1)  # the joint turns by the elastic coordinate itself
     blocks = stack(model, slices, [*work.maps, *([(d.row, turn, None)] for d in drives)])
     n_eta = work.n_eta + len(drives)
-    return Expansion(model, q_at, v_at, blocks, work.frames, tuple(work.slots), n_eta, drives)
+    slots, carried = tuple(work.slots), tuple(work.carried)
+    return Expansion(model, q_at, v_at, blocks, work.frames, slots, n_eta, drives, carried)
 
 
 def _bounded(joint: pin.JointModel) -> pin.JointModel:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -122,6 +122,7 @@ class Expansion:
         slots: The flexible bodies.
         n_eta: Number of elastic coordinates.
         drives: Gears that give way; their coordinates follow those of the links.
+        carried: What joints carry (`pinflex.mechanics.model.expansion`).
     """
 
     __repr__ = brief
@@ -134,6 +135,7 @@ class Expansion:
     slots: tuple[Slot, ...]
     n_eta: int
     drives: tuple[ElasticDrive, ...] = ()
+    carried: tuple[Any, ...] = ()
 
     @cached_property
     def last(self) -> dict[bytes, tuple[Array, Array]]:

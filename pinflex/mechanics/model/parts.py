@@ -134,6 +134,14 @@ class FlexiblePart:
     share: float | None = None
     left_out: tuple[LeftOut, ...] = ()
 
+    def moves_as(self, other: FlexiblePart) -> bool:
+        """Whether its sections, and riders on them, are where those of another part are."""
+        mine, theirs = (
+            (x.link, x.planes, x.length, x.placement, len(x.bodies), [r.x for r in x.riders])
+            for x in (self, other)
+        )
+        return mine == theirs and self.bodies[0].moves_as(other.bodies[0])
+
     def section_of(self, point: Array) -> float:
         """Section x (m) that carries a point given in the link's frame, shape (3,)."""
         x = float(self.placement.actInv(np.asarray(point, float))[0])

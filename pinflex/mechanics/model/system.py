@@ -25,6 +25,10 @@ def _none() -> IntArray:
     return np.zeros(0, dtype=np.intp)
 
 
+# What a system knows once it was asked, and follows from its joints and rows alone.
+_OF_JOINTS = ("free", "unheld", "uncovered", "looked_at", "sorted_joints", "node_of_joints")
+
+
 @dataclass(frozen=True)
 class System:
     """A rigid or flexible mechanism as equations: model, map, closures, stiffness, damping.
@@ -96,6 +100,17 @@ class System:
     def in_steps(self, h: float) -> System:
         """The system as equal steps of h [s] feel it: loads that switch are spread over one."""
         return replace(self, loads=self.loads.spread(h)) if self.loads.timed else self
+
+    def weighed(self, rigid: pin.Model, expansion: Expansion, K: Array, D: Array) -> System:
+        """The system with other masses, stiffness and damping on the same joints.
+
+        What is known of its rows, and tables of the kernel, go along.
+        """
+        found, known = replace(self, rigid=rigid, expansion=expansion, K=K, D=D), vars(self)
+        vars(found).update({name: known[name] for name in _OF_JOINTS if name in known})
+        if "tables" in known:
+            vars(found)["tables"] = kernel_tables.weighed(self.tables, found)
+        return found
 
     @property
     def sliding(self) -> System:

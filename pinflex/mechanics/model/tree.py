@@ -330,6 +330,7 @@ LEAST = 0.02
 _NONE = 1e-12  # of the link's mass and span: round-off
 _MASSLESS = 1e-9  # of the link's mass: what the search for the largest share leaves of it is less
 _SMALL = 1e-3  # of the link's mass: a tip mass not worth having
+_PLACES = 7  # of the share of the span: what is beside it in the last digits rides on one section
 _AT_END = 0.05  # of the span: a remainder so near an end rides on the end itself
 
 
@@ -505,5 +506,5 @@ def _beside_the_centre(rest: Array, beam: Array) -> float:
     mass, moment = rest[0, 0], rest[5, 1]
     if mass <= _MASSLESS:
         mass, moment = beam[0, 0], beam[5, 1]
-    x = float(np.clip(moment / mass, 0.0, 1.0))
+    x = round(float(np.clip(moment / mass, 0.0, 1.0)), _PLACES)
     return 0.0 if x < _AT_END else 1.0 if x > 1.0 - _AT_END else x
