@@ -324,7 +324,8 @@ def new_scene(
     ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
     blocks["platform"] = proposals.platform(mechanism, ends)
     guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
-    remarks = [*_wrapped("", [guessed] if more else []), *_open_loops(ways)]
+    said = [guessed] if more else [] if "actuated" in blocks else _unlimited(tree)
+    remarks = [*_wrapped("", said), *_open_loops(ways)]
     text = _text(tree, name, blocks, guesses, remarks, flexible)
     whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
@@ -373,13 +374,29 @@ def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
     """Joints of an open tree with an effort limit, of which no transmission speaks."""
     if "actuated" not in blocks:  # then every joint is a motor
         return []
+    return [name for name in _limited(tree) if name not in blocks["actuated"]]
+
+
+def _limited(tree: Source) -> list[str]:
+    """Joints with an effort limit."""
     limits = {
         joint.get("name"): limit
         for joint in ET.fromstring(tree.text.strip()).iterfind("joint")
         if (limit := joint.find("limit")) is not None and float(limit.get("effort", 0)) > 0
     }
-    names = [joint.name for joint in proposals.single(tree)]
-    return [name for name in names if name in limits and name not in blocks["actuated"]]
+    return [joint.name for joint in proposals.single(tree) if joint.name in limits]
+
+
+def _unlimited(tree: Source) -> list[str]:
+    """What to write where joints without an effort limit have no motor, as most others do."""
+    pushed = _limited(tree)
+    loose = [joint.name for joint in proposals.single(tree) if joint.name not in pushed]
+    if not pushed or not loose:
+        return []
+    return [
+        f"Every joint is a motor here. Without an effort limit: {', '.join(loose)}. If these are "
+        f"passive, write actuated: [{', '.join(pushed)}]"
+    ]
 
 
 def _text(
