@@ -168,12 +168,8 @@ def start_of(
         return Start(y, v, "straight", _CENTRED)
     if static and start == "auto" and len(mechanism.idle.base):
         static, why = False, "the base is free"
-    if (
-        static
-        and start == "auto"
-        and mechanism.report.mobility > len(mechanism.motors)
-        and np.any(v)
-    ):
+    swings = mechanism.report.mobility > len(mechanism.motors)
+    if static and start == "auto" and swings and np.any(v):
         static, why = False, _SWINGS
     if not static:
         return Start(y, v, "straight", _shaken(why))
