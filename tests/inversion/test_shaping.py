@@ -6,6 +6,7 @@ Claims:
       closed forms; scipy | 1e-14; 1e-6 | passes
     - frequency of a hanging payload, and what ZVD leaves of its swing | pendulum; coupled runs |
       1e-5; 1 % | passes
+    - its swing is as the way of its pivot, however that turns | proportion | 1e-4 | passes
     - what `shapers` promises along the motion, and the share of modes that it leaves out | coupled
       runs of a delta and a ur10 | 0.25 to 1.25; 0.5 to 2 | passes
     - a shaper 10 % off: first mode of a flexible arm after the motion, level coupled; YAML `shaper`
@@ -25,7 +26,7 @@ import pinflex as pf
 from pinflex.actuation.drive import nominal
 from pinflex.description.motions.motion import from_spec
 from pinflex.description.motions.trajectory import shaper
-from pinflex.levels.ringing import ringing
+from pinflex.levels.ringing import _excited, ringing
 from pinflex.solver.solve import default_motion
 from pinflex.studies.frequency_response import ERRORS, shapers
 
@@ -270,6 +271,26 @@ def test_a_hanging_payload_is_shaped_by_the_frequency_of_its_pendulum(tmp_path: 
     np.testing.assert_allclose(found.frequencies, [pendulum], rtol=1e-5)
     # 1 %: the swing, 2 deg, has a period 1e-4 longer than the linear one, of which ZVD leaves less
     assert shaken(scene, "zvd") < 0.01 * shaken(scene)
+
+
+def test_a_hanging_payload_is_pushed_by_its_pivot_and_not_by_the_turn_of_what_it_hangs_on(
+    tmp_path: Path,
+) -> None:
+    """Its swing is as the way of the pivot, so as the arm is long: a turn leaves a rope upright."""
+    turned = CRANE.replace('type="prismatic"', 'type="revolute"').replace("1 0 0", "0 1 0")
+    left = []
+    for arm in (0.5, 1.0):
+        place = f'<child link="load"/><origin xyz="0 0 {-arm}"/>'
+        (tmp_path / "crane.urdf").write_text(turned.replace('<child link="load"/>', place))
+        scene = tmp_path / "crane.yaml"
+        scene.write_text(
+            "urdf: crane.urdf\nactuated: [drive]\nplatform: hook\njoints: {sway: {spring: 1e-3}}\n"
+            "motion: {kind: cycloid, joints: {drive: 0.01}, duration: 1.5}\n"
+        )
+        robot = pf.load(scene)
+        left.append(_excited(robot, default_motion(robot))[2].item())
+    # 1e-4: what a turn of 0.01 rad adds in second order
+    assert left[1] / left[0] == pytest.approx(2.0, rel=1e-4)
 
 
 def test_moves_add_up_and_the_adept_cycle_comes_back() -> None:
