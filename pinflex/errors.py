@@ -138,10 +138,18 @@ def quoted(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
+# Words of other tools for keys that are spelled otherwise here.
+_MEANT = {"ratio": "gear", "reduction": "gear", "radius": "diameter", "density": "rho"}
+_MEANT |= {"poisson": "nu", "young": "E", "youngs_modulus": "E", "shear_modulus": "G"}
+
+
 def nearest(name: str, names: Iterable[str], limit: int = 12) -> str:
     """Text that leads from a wrong name to the right one: the closest, then the list."""
     known = list(dict.fromkeys(str(n) for n in names))
-    close = difflib.get_close_matches(str(name)[:80], [n for n in known if len(n) < 200], 1, 0.5)
+    meant = [n for n in known if n == _MEANT.get(str(name))]
+    close = meant or difflib.get_close_matches(
+        str(name)[:80], [n for n in known if len(n) < 200], 1, 0.5
+    )
     hint = f' Did you mean "{close[0]}"?' if close else ""
     shown = ", ".join(n[:80] for n in known[:limit]) + (", ..." if len(known) > limit else "")
     return f"{hint} Allowed: {shown or 'none'}."

@@ -209,8 +209,9 @@ def underactuated(mechanism: Mechanism, passive: Sequence[str]) -> MotionError:
     """The error of motors that leave coordinates undetermined."""
     return MotionError(
         f"{mechanism.name}: the motors do not determine the motion of {', '.join(passive)}. "
-        "Actuate these joints, lock them (joints: {NAME: {type: fixed}}) or close loops over them; "
-        "level=coupled lets them swing."
+        "Actuate these joints, lock them (joints: {NAME: {type: fixed}}) or close loops over them. "
+        "Level coupled lets them swing; what hangs by its weight needs but a soft spring (joints: "
+        "{NAME: {spring: 1e-3}}) for all levels, shapers and commands."
     )
 
 

@@ -278,7 +278,7 @@ class FlexibleBody:
         Functions that do not depend on these are kept (`plain_shapes`), and are then the same.
         """
         mine, theirs = (
-            (x.families, x.slices, x.length, x.second_order, x.rotary, x.root_moves)
+            (x.families, x.slices, x.length, x.second_order, x.inertia is None, x.root_moves)
             for x in (self, other)
         )
         beams = all(x.solid is None and x.curvature is None for x in (self, other))

@@ -154,7 +154,7 @@ def _modes_text(modes: pf.Modes) -> str:
     numbered = [{"mode": k, **row} for k, row in enumerate(rows, 1)]
     listed = table(
         "Natural frequencies", numbered, "mode", ("frequency [Hz]", "frequency"),
-        ("period [s]", "period"), *growth, ("share of the elastic energy", _who),
+        ("period [s]", "period"), *growth, ("share of the energy", _who),
         names=(4,), prose=True,
     )  # fmt: skip
     return f"{listed.text()}\n{rigid_body(modes)}\n" if modes.rigid_body else f"{listed.text()}\n"

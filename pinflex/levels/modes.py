@@ -155,6 +155,8 @@ def _growing(s: Array, real: Array) -> Array:
 # Round-off of omega^2 is 1e-16 of the largest one, so 1e-8 of the highest frequency.
 _ROUND_OFF = 1e-7
 
+WEIGHT = "weight"  # among the links of a mode: gravity and other loads
+
 _SHOWN = 0.005  # of a mode's energy: half a per cent, what is not shown as 0 %
 
 
@@ -167,7 +169,7 @@ class Modes:
         shapes: Unit-mass shapes in velocity rows, shape (nv, k).
         y: Pose that was linearised about, shape (nq,).
         share: Share of each flexible link, sprung joint and elastic drive in the elastic energy,
-            shape (k, links).
+            shape (k, links), and of the weight where it holds most of a mode (a pendulum).
         links: Names for `share`.
         preload: "gravity", "none", or "motion". free_motors: Whether motors were free.
         rigid_body: Modes at 0 Hz that were left out: those of a free base, and what
@@ -295,7 +297,8 @@ def modes(
         frequencies = np.sign(omega2) * np.sqrt(np.abs(omega2)) / (2 * np.pi)
     shapes = np.zeros((system.nv, x.shape[1]))
     shapes[free] = Z @ x
-    share, links = _shares(mechanism, shapes)
+    signed = np.sign(frequencies) * (2.0 * np.pi * frequencies) ** 2
+    share, links = _shares(mechanism, shapes, None if preload == "none" else signed)
     return Modes(
         frequencies, shapes, y, share, links, preload, free_motors, drifts,
         growth=growth, mechanism=mechanism,
@@ -365,8 +368,14 @@ def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
     return null_space(dynamics.close(y).J[:, free])
 
 
-def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]]:
-    """Which links bend in which mode: shares of the elastic energy."""
+def _shares(
+    mechanism: Mechanism, shapes: Array, omega2: Array | None = None
+) -> tuple[Array, tuple[str, ...]]:
+    """Which links bend in which mode: shares of the elastic energy.
+
+    Where loads hold most of a mode, as the weight of a pendulum does, their share of its energy,
+    omega^2 over a unit mass, counts too.
+    """
     system = mechanism.flexible
     bent = dict.fromkeys(slot.link for slot in system.expansion.slots)
     springs, names = system.springs, mechanism.coordinates
@@ -382,6 +391,11 @@ def _shares(mechanism: Mechanism, shapes: Array) -> tuple[Array, tuple[str, ...]
     rows = [*springs.v_at, *turning]
     energy[:, len(bent) :] = (stiffness[:, None] * np.abs(shapes[rows]) ** 2).T
     total = energy.sum(1, keepdims=True)
+    if omega2 is not None:
+        loads = omega2[:, None] - total
+        if np.any(loads > 0.5 * np.abs(omega2[:, None])):
+            energy, links = np.hstack([energy, np.maximum(loads, 0.0)]), (*links, WEIGHT)
+            total = energy.sum(1, keepdims=True)
     return energy / np.where(total > 0, total, 1.0), links
 
 

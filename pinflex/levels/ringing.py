@@ -3,7 +3,8 @@
 With motors locked each mode is an oscillator, x'' + 2 zeta omega x' + omega^2 x = -phi' f, f the
 inertia forces of the rigid motion, so what it leaves after the stop is the spectrum of phi' f at
 its frequency. The largest within 20 % of it counts: a motion whose end meets a phase by chance
-leaves more as soon as the robot is a little different.
+leaves more as soon as the robot is a little different. Stiffness is that about the equilibrium
+under gravity and loads: a hanging payload has no other.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.motions.trajectory import MODES
 from pinflex.errors import DescriptionError
-from pinflex.levels.modes import allowed_motions, modes
+from pinflex.levels.modes import Modes, allowed_motions, modes, vibrating
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model
@@ -144,11 +145,14 @@ def _along(mechanism: Mechanism, path: Nominal) -> tuple[Array, ...]:
     from scipy.optimize import linear_sum_assignment
 
     system, dynamics = mechanism.flexible, Equations(mechanism.flexible)
-    motors, (v, a, still) = motor_axes(mechanism).v_at, np.zeros((3, system.nv))
+    motors, (v, a) = motor_axes(mechanism).v_at, np.zeros((2, system.nv))
+    X, free = np.zeros((system.nv, len(motors))), vibrating(mechanism)
     rows: list[tuple[Array, ...]] = []
-    shapes, loose, n = np.zeros((system.nv, 0)), np.zeros(system.closed.n), path.a.shape[1]
+    shapes, n = np.zeros((system.nv, 0)), path.a.shape[1]
+    # pins with clearance have rows of their own at rest: there the ideal mechanism, unloaded
+    preload = "gravity" if mechanism.standing is system else "none"
     for q, v[:n], a[:n] in zip(path.q, path.v, path.a, strict=True):
-        found = modes(mechanism, q, count=_LOOKED_AT, preload="none")
+        found = modes(mechanism, q, count=_LOOKED_AT, preload=preload)
         omega, M, y = 2.0 * np.pi * found.frequencies, dynamics.mass(found.y), found.y
         own, omega = found.shapes[:, omega > 0.0], omega[omega > 0.0]
         if rows:  # they may have changed places
@@ -161,13 +165,51 @@ def _along(mechanism: Mechanism, path: Nominal) -> tuple[Array, ...]:
             left, _, right = np.linalg.svd(np.where(one, alike[np.ix_(before, now)], 0.0))
             own = own @ (left @ right).T
         damping = np.einsum("ik,ij,jk->k", own, system.D, own) / (2.0 * omega)
-        by_motor = own.T @ M[:, :n] @ _by_motor(mechanism, q, motors)
-        inertia = dynamics.residual(y, v, a, loose, 0.0).r
-        inertia -= dynamics.residual(y, still, still, loose, 0.0).r
-        rows.append((omega, damping, by_motor, own.T @ inertia - by_motor @ a[motors]))
+        X[:n] = _by_motor(mechanism, q, motors)
+        by_motor, rest = _pushes(dynamics, found, free, (own, omega), (X, v, a, a[motors]))
+        rows.append((omega, damping, by_motor, rest))
         shapes = own
     columns = (np.array(part) for part in zip(*rows, strict=True))
     return *columns, _moved(mechanism, dynamics, y, shapes, omega)
+
+
+def _pushes(
+    dynamics: Equations,
+    found: Modes,
+    free: IntArray,
+    modal: tuple[Array, Array],
+    rates: tuple[Array, ...],
+) -> tuple[Array, Array]:
+    """Force on modes by the motors' accelerations (k, motors), and that of speeds alone (k,).
+
+    The shape that balances gravity moves along with the motors: where it does not, their motion X
+    strains it by K X, which bends it on by the modes' own stiffness.
+
+    Args:
+        free: Rows that vibrate. modal: Modes of unit mass (nv, k), and their omega (k,) [1/s].
+        rates: Of the rigid mechanism: by the motors (nv, motors); velocity and acceleration (nv,);
+            accelerations of the motors.
+    """
+    (own, omega), y = modal, found.y
+    still, loose = np.zeros(len(own)), np.zeros(dynamics.system.closed.n)
+    J, weight = dynamics.close(y).J, dynamics.residual(y, still, still, loose, 0.0).r
+    back = np.linalg.pinv(J[:, free], rcond=1e-10)
+
+    def fitted(rigid: Array, bias: Array | float = 0.0) -> Array:
+        """On the closures of the loaded shape."""
+        fit = rigid.copy()
+        fit[free] -= back @ (J @ rigid + bias)
+        return fit
+
+    X, v = fitted(rates[0]), fitted(rates[1])
+    a = fitted(rates[2], dynamics.closure_bias(y, v))
+    rest = own.T @ (dynamics.residual(y, v, a, loose, 0.0).r - weight)
+    pushed = own.T @ (dynamics.mass(y) @ X)
+    rest -= pushed @ rates[3]
+    if found.preload != "none":
+        K = dynamics.tangent(y, still, still, back.T @ weight[free], 0.0).K
+        pushed -= own.T @ (K @ X) / omega[:, None] ** 2
+    return pushed, rest
 
 
 def _by_motor(mechanism: Mechanism, q: Array, motors: IntArray) -> Array:

@@ -19,7 +19,7 @@ from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, En
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.linearised import LinearPath
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
-from pinflex.linalg import negative_directions, saddle_matrix
+from pinflex.linalg import negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks, frame_jacobian
@@ -37,6 +37,9 @@ _CENTRED = (
     "equilibrium is sought, and the first blows are those of that start. Write start: static, or "
     "start: straight where this is meant."
 )
+_SWINGS = "the motors do not hold every freedom, and home is not where the rest hangs still"
+_AT_REST = 1e-3  # [rad | m] of loose joints from where they hang: as a home is written
+_NO_STIFFNESS = 1e-9  # of the stiffest direction: round-off of one that nothing holds
 _STILL = 1e-9  # [m/s^2] of the heaviest coordinate: round-off of gravity across a plane is 1e-15
 
 
@@ -106,7 +109,7 @@ def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> 
     """Whether a run is to start in equilibrium, and why not where that would be expected.
 
     `auto` is static where something acts on what is free at rest, unless the motors leave freedoms
-    that fall. The equations say what acts, so that there is no list of loads to keep.
+    that do not hang at rest. The equations say what acts, so there is no list of loads to keep.
     """
     if start != "auto":
         return start == "static", ""
@@ -115,8 +118,8 @@ def in_equilibrium(mechanism: Mechanism, start: str, y: Array | None = None) -> 
         return False, ""
     if not acted_on(lasting(system), mechanism.undeformed() if y is None else y):
         return False, ""
-    if mechanism.report.mobility > len(system.motors):
-        return False, "the motors do not hold every freedom"
+    if mechanism.report.mobility > len(system.motors) and not hangs(mechanism):
+        return False, _SWINGS
     return True, ""
 
 
@@ -127,6 +130,21 @@ def acted_on(system: System, y: Array) -> bool:
     free = system.free
     heaviest = float(np.max(np.diag(dynamics.mass(y))[free], initial=0.0))
     return float(np.max(np.abs(r[free]), initial=0.0)) > _STILL * heaviest
+
+
+def hangs(mechanism: Mechanism) -> bool:
+    """Whether what the motors leave loose hangs at rest at home, as a payload does on its rope."""
+    system, y = lasting(mechanism.rigid), mechanism.home
+    dynamics, still, free = Equations(system), np.zeros(system.nv), system.free
+    J = dynamics.close(y).J
+    r = dynamics.residual(y, still, still, np.zeros(len(J)), 0.0).r
+    K = dynamics.tangent(y, still, still, np.linalg.pinv(J[:, free].T) @ r[free], 0.0).K
+    Z = null_space(J[:, free]) if len(J) else np.eye(len(free))
+    K, r = Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ r[free]
+    stiff = np.linalg.eigvalsh(0.5 * (K + K.T))
+    if stiff[0] <= _NO_STIFFNESS * stiff[-1]:
+        return False
+    return float(np.max(np.abs(Z @ np.linalg.solve(K, r)))) < _AT_REST
 
 
 def start_of(
@@ -150,6 +168,9 @@ def start_of(
         return Start(y, v, "straight", _CENTRED)
     if static and start == "auto" and len(mechanism.idle.base):
         static, why = False, "the base is free"
+    swings = mechanism.report.mobility > len(mechanism.motors)
+    if static and start == "auto" and swings and np.any(v):
+        static, why = False, _SWINGS
     if not static:
         return Start(y, v, "straight", _shaken(why))
     return _static_start(mechanism, motion, path, dynamics, start, Start(y, v, "straight"))
@@ -247,9 +268,10 @@ def _lasting(dynamics: Equations) -> Equations:
 def _shaken(why: str) -> str:
     if not why:
         return ""
+    static = "start: static to begin in the equilibrium near it, or " if why == _SWINGS else ""
     return (
         f"starts with undeformed links, on which the loads act at once, because {why}: it rings "
-        "from t = 0. Write start: straight where this is meant."
+        f"from t = 0. Write {static}start: straight where this is meant."
     )
 
 

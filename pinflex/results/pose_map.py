@@ -275,5 +275,5 @@ def stiffness_of(compliance: Array) -> tuple[Array, int]:
 
 def _unit(what: str, i: int, j: int) -> str:
     if what == "stiffness":
-        return ("N/m", "N", "N m")[(i > 2) + (j > 2)]
-    return ("m/N", "1/N", "1/(N m)")[(i > 2) + (j > 2)]
+        return ("N/m", "N", "N m/rad")[(i > 2) + (j > 2)]
+    return ("m/N", "1/N", "rad/(N m)")[(i > 2) + (j > 2)]

@@ -36,6 +36,7 @@ from pinflex.results.result import Result, peak
 from pinflex.results.verdict import BAND, TOL
 from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
+from pinflex.studies.checking.doubts import beyond_on_the_way
 from pinflex.studies.outputs import yield_strengths
 from pinflex.text import brief, number
 from pinflex.viewer.curves import with_rigid_torque
@@ -139,6 +140,7 @@ def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float
     notes = _yielding(mechanism, record.runs)
     if min(frequencies, default=0.0) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
+    notes += _beyond_limits(mechanism, record.runs)
     notes += _run_warnings(record.runs) + ending(record.runs)
     for level, run in record.runs.items():
         if run.meta.get("errors"):
@@ -161,6 +163,19 @@ def _yielding(mechanism: Mechanism, runs: Mapping[str, Result]) -> list[str]:
         f"stress beyond the yield strength in {', '.join(sorted(beyond))}: the material would "
         "deform for good, which is not modelled."
     ]
+
+
+def _beyond_limits(mechanism: Mechanism, runs: Mapping[str, Result]) -> list[str]:
+    """Limits of the URDF that the run of the level that leaves out least goes beyond."""
+    if not runs:
+        return []
+    level, run = [*runs.items()][-1]
+    at, turning = (
+        {m: getattr(run.joint(m), key) for m in run.motors} for key in ("position", "velocity")
+    )
+    torque = dict(zip(run.motors, run.torque.T, strict=True))
+    found = beyond_on_the_way(mechanism.description, at, turning, torque)
+    return [f"{level}: {text}" for text in found]
 
 
 def starting(mechanism: Mechanism, spec: SolveSpec, runs: Mapping[str, Result]) -> list[str]:

@@ -298,6 +298,14 @@ def test_a_joint_without_a_transmission_is_a_motor_where_it_has_an_effort_limit(
         cured = out.with_name("cured.yaml")
         cured.write_text(made.replace("# joints:", "joints:"), "utf-8")
         assert pf.load(cured).report.mobility == 1
+        bare = text.replace('type="revolute"', 'type="continuous"')  # and no transmission at all
+        bare = bare[: bare.index("<transmission")] + "</robot>"
+        (tmp_path / "arm.urdf").write_text(bare, "utf-8")
+        assert main(["new", str(tmp_path / "arm.urdf"), "-o", str(out), "--force"]) == 0
+        assert (
+            "Without an effort limit: grip. If these are passive, write actuated: [shoulder]"
+            in (out.read_text("utf-8"))
+        )
 
 
 def test_arguments_of_a_xacro_are_taken_and_written(

@@ -33,6 +33,7 @@ elbow: {stiffness: 1}
 elbow: 3
 motor: {drive: 3}
 motor: {drive: {gears: 100}}
+motor: {drive: {ratio: 100}}
 motor: {drive: {gear: 0}}
 motor: {drive: {stiffness: 0}}
 motor: {drive: {damping: 1}}

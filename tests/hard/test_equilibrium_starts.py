@@ -6,6 +6,8 @@ Claims:
       1e-9 m of a 3 mm sag | passes
     - an acceleration that jumps starts from the sag at rest; a motion at speed from the balance
       with its inertia | quasistatic | 1e-12 | passes
+    - what hangs at rest from a link that bends starts there; straight where home is off that | the
+      same on a soft spring, quasistatic | 1e-8 m | passes
     - no stable equilibrium, falling freedoms: straight, with the reason; static is refused and
       names straight | race_r2, thinner | exact | passes
 """
@@ -135,6 +137,34 @@ def test_what_falls_starts_where_home_puts_it(tmp_path: Path) -> None:
     assert r.meta["settings"]["start"] == "straight"
     assert "because the motors do not hold every freedom" in r.meta["warnings"][0]
     assert r.joint("lower_joint").position[0] == 0.7
+
+
+def test_what_hangs_at_rest_starts_there_and_its_modes_are_of_its_weight(tmp_path: Path) -> None:
+    """The lower link hangs from the sagging upper one: a start of straight links shook it."""
+    hanging = (
+        YAML.replace("0.7", "1.5705") + "    axial: true\n"
+    )  # 0.3 mrad off pi / 2, as one writes it
+    m = load(tmp_path, ARM, "actuated: [upper_joint]\n" + hanging)
+    r = pf.solve(m, HOLD, level="coupled", dt=1e-3, samples=51)
+    assert r.meta["settings"]["start"] == "static"
+    assert r.meta["warnings"] == []
+    assert swing(r) < 1e-9  # [m], as above
+    # A spring that holds nothing makes the freedom one that every level knows, as the refusal says.
+    with pytest.raises(pf.MotionError, match="soft spring"):
+        pf.solve(m, HOLD, level="quasistatic")
+    spring = "joints: {lower_joint: {spring: 1e-3, rest: 1.5705}}\n"
+    soft = load(tmp_path, ARM, "actuated: [upper_joint]\n" + spring + hanging)
+    sag = pf.solve(soft, HOLD, level="quasistatic", samples=2).frame("hand").position[0, 2]
+    # 1e-8: its 1e-3 N m/rad against 80 of the weight turn the lower link by 1e-5 of the 3 mrad
+    assert r.frame("hand").position[0, 2] == pytest.approx(sag, abs=1e-8)
+    found = pf.check(m)
+    assert "sag, full     hand" in found.text()
+    first = pf.modes(m, count=2)
+    assert first._most(0) == "weight 100 %"
+    assert first._most(1).startswith(("upper", "lower"))
+    off = load(tmp_path, ARM, "actuated: [upper_joint]\n" + YAML.replace("0.7", "1.56"))
+    said = pf.solve(off, HOLD, level="coupled", dt=1e-3, samples=51).meta["warnings"][0]
+    assert "Write start: static" in said
 
 
 def test_a_stopped_run_says_how_it_started(tmp_path: Path) -> None:

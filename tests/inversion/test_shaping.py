@@ -4,6 +4,9 @@ Claims:
     Commands: motions that the platform follows
     - shapers: no vibration at the frequency; ZV, ZVD, EI curves; an oscillator is left at rest |
       closed forms; scipy | 1e-14; 1e-6 | passes
+    - frequency of a hanging payload, and what ZVD leaves of its swing | pendulum; coupled runs |
+      1e-5; 1 % | passes
+    - its swing is as the way of its pivot, however that turns | proportion | 1e-4 | passes
     - what `shapers` promises along the motion, and the share of modes that it leaves out | coupled
       runs of a delta and a ur10 | 0.25 to 1.25; 0.5 to 2 | passes
     - a shaper 10 % off: first mode of a flexible arm after the motion, level coupled; YAML `shaper`
@@ -23,7 +26,7 @@ import pinflex as pf
 from pinflex.actuation.drive import nominal
 from pinflex.description.motions.motion import from_spec
 from pinflex.description.motions.trajectory import shaper
-from pinflex.levels.ringing import ringing
+from pinflex.levels.ringing import _excited, ringing
 from pinflex.solver.solve import default_motion
 from pinflex.studies.frequency_response import ERRORS, shapers
 
@@ -179,7 +182,7 @@ def test_a_third_mode_of_a_ur10_is_shaped_and_the_table_tells_what_it_leaves(
     found, _ = shapers(robot)
     assert found.number.tolist() == [1, 2, 3]
     natural = pf.modes(robot, count=3).frequencies
-    # 5 %: under gravity at home there, undeformed in the middle of the motion here
+    # 5 %: at home there, in the middle of the motion here
     np.testing.assert_allclose(found.frequencies, natural, rtol=0.05)
     plain = shaken(scene)
     # 0.5 %: 0.24, what grows with the square of the speed; of a tenth of the motion 0.005 is left
@@ -238,6 +241,56 @@ def test_modes_that_the_motion_does_not_excite_are_left_out() -> None:
     lateral = every[0]
     assert every[1] == pytest.approx(lateral, rel=1e-3)  # the pair that a turn would excite
     assert np.all(np.abs(found.frequencies / lateral - 1.0) > 0.05)
+
+
+CRANE = """\
+<robot name="crane"><link name="rail"/><link name="load"><inertial><origin xyz="0 0 -1.5"/>
+<mass value="40"/><inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><link name="trolley"><inertial><mass value="5"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="hook"/>
+<joint name="drive" type="prismatic"><parent link="rail"/><child link="trolley"/><axis xyz="1 0 0"/>
+<limit lower="-5" upper="5" effort="500" velocity="5"/></joint>
+<joint name="sway" type="continuous"><parent link="trolley"/><child link="load"/><axis xyz="0 1 0"/>
+</joint><joint name="end" type="fixed"><origin xyz="0 0 -1.5"/><parent link="load"/>
+<child link="hook"/></joint></robot>
+"""
+
+
+def test_a_hanging_payload_is_shaped_by_the_frequency_of_its_pendulum(tmp_path: Path) -> None:
+    """Its weight is its stiffness: undeformed, without gravity, it has next to none."""
+    (tmp_path / "crane.urdf").write_text(CRANE)
+    scene = tmp_path / "crane.yaml"
+    scene.write_text(
+        "urdf: crane.urdf\nactuated: [drive]\nplatform: hook\njoints: {sway: {spring: 1.0e-3}}\n"
+        "motion: {kind: cycloid, joints: {drive: 0.1}, duration: 1.5}\n"
+    )
+    found, _ = shapers(pf.load(scene))
+    pendulum = np.sqrt(9.81 / 1.5) / (2.0 * np.pi)
+    # 1e-5: the spring adds 1e-3 / 2 m g l of the frequency, 8.5e-7
+    np.testing.assert_allclose(found.frequencies, [pendulum], rtol=1e-5)
+    # 1 %: the swing, 2 deg, has a period 1e-4 longer than the linear one, of which ZVD leaves less
+    assert shaken(scene, "zvd") < 0.01 * shaken(scene)
+
+
+def test_a_hanging_payload_is_pushed_by_its_pivot_and_not_by_the_turn_of_what_it_hangs_on(
+    tmp_path: Path,
+) -> None:
+    """Its swing is as the way of the pivot, so as the arm is long: a turn leaves a rope upright."""
+    turned = CRANE.replace('type="prismatic"', 'type="revolute"').replace("1 0 0", "0 1 0")
+    left = []
+    for arm in (0.5, 1.0):
+        place = f'<child link="load"/><origin xyz="0 0 {-arm}"/>'
+        (tmp_path / "crane.urdf").write_text(turned.replace('<child link="load"/>', place))
+        scene = tmp_path / "crane.yaml"
+        scene.write_text(
+            "urdf: crane.urdf\nactuated: [drive]\nplatform: hook\njoints: {sway: {spring: 1e-3}}\n"
+            "motion: {kind: cycloid, joints: {drive: 0.01}, duration: 1.5}\n"
+        )
+        robot = pf.load(scene)
+        left.append(_excited(robot, default_motion(robot))[2].item())
+    # 1e-4: what a turn of 0.01 rad adds in second order
+    assert left[1] / left[0] == pytest.approx(2.0, rel=1e-4)
 
 
 def test_moves_add_up_and_the_adept_cycle_comes_back() -> None:

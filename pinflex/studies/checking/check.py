@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.drive import nominal
+from pinflex.actuation.path import motor_axes
 from pinflex.boundary import public
 from pinflex.description.blocks.joints import Friction
 from pinflex.description.reading.schema import integer
@@ -273,10 +274,14 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     if mechanism.report.mobility > len(mechanism.motors):
         return words, []
     try:
-        nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
+        path = nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
     except SceneError as error:
         return f"{words}: cannot be followed", [f"motion: {error}"]
-    return f"{words}: the rigid mechanism can follow it", []
+    axes, motors = motor_axes(mechanism), description.actuated
+    at = dict(zip(motors, np.transpose([axes.read(q) for q in path.q]), strict=True))
+    turning = dict(zip(motors, path.v[:, axes.v_at].T, strict=True))
+    beyond = doubts.beyond_on_the_way(description, at, turning)
+    return f"{words}: the rigid mechanism can follow it", [f"motion: {x}" for x in beyond]
 
 
 # The report of a check.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pinflex.actuation.path import motor_axes
+from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.description.files import Source
 from pinflex.description.robots.urdf import Limits, limits
@@ -22,6 +25,7 @@ from pinflex.text import percent, plural
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
 
 _SOME = 6  # names listed before "..."
+_NEARLY = 1e-3  # of a limit or of the way: a motion made for a limit, and what vibrates about it
 
 
 def ignored(description: Description) -> list[str]:
@@ -115,6 +119,35 @@ def beyond_limits(
                 f"{name}: holding needs {abs(holding[k]):.4g}, more than the URDF's effort limit "
                 f"{effort:g}."
             )
+    return found
+
+
+def beyond_on_the_way(
+    description: Description,
+    position: Mapping[str, Array],
+    speed: Mapping[str, Array],
+    torque: Mapping[str, Array] | None = None,
+) -> list[str]:
+    """Motors that a motion, by their histories, takes beyond the URDF's limits."""
+    known, found = limits(description.urdf_text), []
+    for name in position:
+        limit, low, high = known.get(name, Limits()), position[name].min(), position[name].max()
+        slack = _NEARLY * max(high - low, 1e-300)
+        if limit.lower < limit.upper and not (
+            limit.lower - slack <= low and high <= limit.upper + slack
+        ):
+            off = low if limit.lower - low > high - limit.upper else high
+            found.append(
+                f"{name} gets to {off:.4g}, outside the URDF's limits {limit.lower:g} to "
+                f"{limit.upper:g} (rad or m)."
+            )
+        most = {"speed": (speed, limit.velocity), "torque or force": (torque or {}, limit.effort)}
+        for word, (histories, allowed) in most.items():
+            top = float(np.max(np.abs(histories.get(name, 0.0))))
+            if 0 < allowed * (1 + _NEARLY) < top:
+                found.append(
+                    f"{name} takes a {word} of up to {top:.4g}, more than the URDF's {allowed:g}."
+                )
     return found
 
 

@@ -16,7 +16,7 @@ from pinflex.description.blocks.joints import Drive, Friction
 from pinflex.errors import SceneError
 from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
 from pinflex.levels.rigid import multipliers
-from pinflex.levels.start import acted_on
+from pinflex.levels.start import acted_on, hangs
 from pinflex.linalg import eigh
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
@@ -205,7 +205,8 @@ class Statics:
 def statics(mechanism: Mechanism) -> Statics:
     """Sag of the platform and holding torques at home, motors locked, linear and full."""
     system, report = mechanism.flexible, mechanism.report
-    if report.mobility > len(mechanism.motors):
+    swings = report.mobility > len(mechanism.motors)
+    if swings and not hangs(mechanism):
         return _none("the motors do not hold every degree of freedom")
     rigid = _torques(rigid_holding(mechanism)[0])
     if not mechanism.compliant:
@@ -214,7 +215,9 @@ def statics(mechanism: Mechanism) -> Statics:
     if not acted_on(system, mechanism.undeformed()):
         why = "nothing acts on it at rest"
         return Statics(None, None, rigid, None, None, why, why)
-    linear, linear_reason = _try(lambda: linear_statics(mechanism))
+    linear, linear_reason = None, "what hangs loose has no stiffness but its weight"
+    if not swings:
+        linear, linear_reason = _try(lambda: linear_statics(mechanism))
     full, full_reason = _try(lambda: rest(mechanism))
     if full is not None and full.unstable:
         full, full_reason = None, unstable_text("static equilibrium")

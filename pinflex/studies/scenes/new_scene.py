@@ -325,7 +325,8 @@ def new_scene(
     ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
     blocks["platform"] = proposals.platform(mechanism, ends)
     guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
-    remarks = [*_wrapped("", [guessed] if more else []), *_open_loops(ways)]
+    said = [guessed] if more else [] if "actuated" in blocks else _unlimited(tree)
+    remarks = [*_wrapped("", said), *_open_loops(ways)]
     text = _text(tree, name, blocks, guesses, remarks, flexible)
     whole = text + _motion(text, out, mechanism, ways)
     load(from_text(whole, out))  # it loads as it is
@@ -374,11 +375,25 @@ def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
     """Joints of an open tree with an effort limit, of which no transmission speaks."""
     if "actuated" not in blocks:  # then every joint is a motor
         return []
+    return [name for name in _limited(tree) if name not in blocks["actuated"]]
+
+
+def _limited(tree: Source) -> list[str]:
+    """Joints with an effort limit."""
     known = limits(tree.text)
+    names = [joint.name for joint in proposals.single(tree)]
+    return [name for name in names if known.get(name, Limits()).effort > 0]
+
+
+def _unlimited(tree: Source) -> list[str]:
+    """What to write where joints without an effort limit have no motor, as most others do."""
+    pushed = _limited(tree)
+    loose = [joint.name for joint in proposals.single(tree) if joint.name not in pushed]
+    if not pushed or not loose:
+        return []
     return [
-        joint.name
-        for joint in proposals.single(tree)
-        if joint.name not in blocks["actuated"] and known.get(joint.name, Limits()).effort > 0
+        f"Every joint is a motor here. Without an effort limit: {', '.join(loose)}. If these are "
+        f"passive, write actuated: [{', '.join(pushed)}]"
     ]
 
 

@@ -69,7 +69,7 @@ def _bars(ax: Axes, found: Modes) -> None:
     if ax.get_legend_handles_labels()[1]:
         beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
         text: dict[str, Any] = {"frameon": False, "fontsize": 8, "title_fontsize": 8}
-        ax.legend(title="elastic energy", alignment="left", **beside, **text)
+        ax.legend(title="energy", alignment="left", **beside, **text)
 
 
 def _parts(found: Modes) -> list[tuple[str, Array, str]]:

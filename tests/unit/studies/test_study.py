@@ -96,3 +96,18 @@ def test_a_run_that_ends_as_its_motion_stops_says_what_it_does_not_show(
     robot = pf.load("race_r3", [move, f"solve.until={until}"])
     notes = study(robot, levels=("rigid", "ked")).table.notes
     assert any("end as the motion stops: --set solve.until=0.1000" in x for x in notes) == said
+
+
+def test_a_motion_beyond_the_limits_of_the_urdf_is_named() -> None:
+    """A cycloid's top speed is 2 D / T: 3.2 rad/s of a ur5 that may do 3.15."""
+    said = "shoulder_pan_joint takes a speed of up to 3.2, more than the URDF's 3.15"
+    notes = study(pf.load("ur5"), ("rigid", "ked")).table.notes
+    assert any(said in note for note in notes)
+
+    def warned(*values: str) -> str:
+        return " ".join(pf.check(pf.load("ur5", values)).warnings)
+
+    assert "takes a speed" in warned()
+    assert "takes a speed" not in warned("motion.duration=0.51", "solve.until=0.51")  # 3.14 rad/s
+    degrees = warned("motion.joints.shoulder_pan_joint=30")
+    assert "shoulder_pan_joint gets to 30, outside the URDF's limits -6.28" in degrees
