@@ -30,6 +30,7 @@ from pinflex.levels.rigid import multipliers
 from pinflex.levels.ringing import ringing
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
 from pinflex.report import card, grid
 
 QUANTITIES = tuple(field.name for field in fields(MotorLimits))
@@ -103,6 +104,7 @@ def retime(
             cannot hold.
     """
     motion = path if isinstance(path, Motion) else trajectory(path)
+    require_staying(robot.description, "retime")
     seen = _Seen(robot, motion)
     known = _limits(robot, limits)
     factor, held_by = _least(seen, known)
