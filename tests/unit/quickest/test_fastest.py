@@ -399,6 +399,28 @@ def test_the_rigid_least_time_keeps_a_motors_curve(tmp_path):
     assert found.duration == pytest.approx(2.0 * half, rel=1e-3)
 
 
+@pytest.mark.parametrize("shaper", [None, "zv"])
+def test_a_retimed_path_keeps_a_motors_curve(shaper, tmp_path, capsys):
+    """|m a| <= F0 (1 - |v|/w) at every instant, reached at one, of the URDF's two masses."""
+    (tmp_path / "two.urdf").write_text(TWO.replace('effort="1" velocity="100"', NONE))
+    drive = "{drive: {drive: {gear: 10, limit_curve: [[0, 0.5], [12, 0]]}}, spring: {spring: 1}}"
+    (tmp_path / "two.yaml").write_text(YAML.replace("{spring: {spring: 1}}", drive))
+    two = pf.load(tmp_path / "two.yaml")
+    made = pf.retime(two, pf.quintic(joints={"drive": 1.0}, duration=9.0), shaper=shaper)
+    _, v, a = made.motion.evaluate(np.linspace(0.0, made.motion.duration, 20001))
+    left = 5.0 * (1.0 - np.abs(v) / 1.2) - 2.0 * np.abs(a)
+    # found on 600 instants: a parabola of them is right to 1e-6 of the force; a shaper takes less
+    assert -1e-5 < left.min() < (1e-5 if shaper is None else 5.0)
+    assert shaper or made.held_by == "limit_curve of drive"
+    ((name, share),) = made.shares["limit_curve"].items()
+    assert name == "drive" and share == pytest.approx(1.0 - left.min() / 5.0, abs=1e-5)
+    asked = ["move", "plan.csv", "--robot", str(tmp_path / "two.yaml")]
+    pf.quintic(joints={"drive": 1.0}, duration=9.0).to_csv(tmp_path / "plan.csv", 100, two)
+    asked[1] = str(tmp_path / "plan.csv")
+    assert main(asked) == 0
+    assert re.search(r"limit_curve of drive +100\.\d\n", capsys.readouterr().out)
+
+
 @pytest.mark.parametrize("points", [
     [[0, 0.45], [60, 0.45], [250, 0.15]],
     [[0, 0.5], [60, 0.5], [120, 0.25], [240, 0.125]],  # of constant power: it bends up
