@@ -152,10 +152,8 @@ def brought(added: AddedMasses, rates: Mapping[int, Array], t: Array) -> Array:
     which went, J, shape (nt,). `rates`: motions of their joints, (nt, 2, 6).
     """
     total = np.zeros(len(t))
-    for joint, M, clock in zip(added.joints, added.inertia, added.clocks, strict=True):
-        if clock is None:
-            continue
-        v, a = rates[joint].swapaxes(0, 1)
+    for k, clock in added.clocks.items():
+        M, (v, a) = added.inertia[k], rates[added.joints[k]].swapaxes(0, 1)
         energy, rate = 0.5 * np.sum(v @ M * v, axis=1), np.sum(v @ M * a, axis=1)
         shares = np.array([clock.scale(float(x)) for x in t])
         for x in clock.corners:

@@ -286,10 +286,11 @@ def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
     if len(closed.coupled.rows):
         found |= _couplings(closed.coupled, system.expansion.model)
     if added.joints:
-        forces = [force for force, _ in loads.forces]
+        forces, clocks = [force for force, _ in loads.forces], added.clocks
+        of = (forces.index(clocks[k]) if k in clocks else -1 for k in range(len(added.joints)))
         found |= {
             "added_node": node_of[list(added.joints)], "added_inertia": added.inertia,
-            "added_force": [-1 if one is None else forces.index(one) for one in added.clocks],
+            "added_force": [*of],
         }  # fmt: skip
     if loads.present:
         found |= _loads(loads, node_of)

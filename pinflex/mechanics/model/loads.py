@@ -254,7 +254,7 @@ class Loads:
         """Whether a load starts, ends or ramps in time."""
         return any(f.timed for f, _ in self.forces)
 
-    def spread(self, h: float, apart: Collection[FrameForce | None] = ()) -> Loads:
+    def spread(self, h: float, apart: Collection[FrameForce] = ()) -> Loads:
         """Loads that switch but those `apart`, as methods of second order feel steps of h [s].
 
         Between steps a switch would act up to half a step early or late. As a ramp of a step's
@@ -348,26 +348,26 @@ class AddedMasses:
 
     Attributes:
         joints: That carry them. inertia: Of each, about the joint's origin in its axes, shape
-            (joints, 6, 6). clocks: Loads in whose shares they count; None: always in full.
+            (joints, 6, 6). clocks: Loads in whose shares some of them count, by number.
     """
 
     __repr__ = brief
 
     joints: tuple[int, ...] = ()
     inertia: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
-    clocks: tuple[FrameForce | None, ...] = ()
+    clocks: Mapping[int, FrameForce] = field(default_factory=dict)
 
     @property
     def instants(self) -> tuple[float, ...]:
         """Times at which masses come or go [s]."""
-        times = {t for clock in self.clocks if clock is not None for t in clock.corners}
+        times = {t for clock in self.clocks.values() for t in clock.corners}
         return tuple(sorted(t for t in times if t > 0.0))
 
     def at(self, t: float) -> list[tuple[int, Array]]:
         """Joints and inertias that count at a time t [s]."""
-        shares = (1.0 if clock is None else clock.scale(t) for clock in self.clocks)
-        each = zip(self.joints, self.inertia, shares, strict=True)
-        return [(joint, share * M) for joint, M, share in each if share]
+        shares = dict.fromkeys(range(len(self.joints)), 1.0)
+        shares |= {k: clock.scale(t) for k, clock in self.clocks.items()}
+        return [(self.joints[k], x * self.inertia[k]) for k, x in shares.items() if x]
 
 
 def added_masses(description: Description, frames: Mapping[str, Attachment]) -> AddedMasses:
@@ -378,13 +378,13 @@ def added_masses(description: Description, frames: Mapping[str, Attachment]) -> 
         own = _about_joint(np.diag([*one.mass, *one.inertia]), at)
         found[at.joint] = found.get(at.joint, np.zeros((6, 6))) + own
     joints, inertia = [*found], [*found.values()]
-    clocks: list[FrameForce | None] = [None] * len(joints)
+    clocks: dict[int, FrameForce] = {}
     body = description.payload
     if body is not None and body.timed and (at := frames[body.frame]).joint:
+        clocks[len(joints)] = body.weight(description.gravity)
         joints.append(at.joint)
         inertia.append(_about_joint(body.spatial, at))
-        clocks.append(body.weight(description.gravity))
-    return AddedMasses(tuple(joints), np.array(inertia).reshape(-1, 6, 6), tuple(clocks))
+    return AddedMasses(tuple(joints), np.array(inertia).reshape(-1, 6, 6), clocks)
 
 
 def require_staying(description: Description, what: str, then: str = "Leave out both.") -> None:

@@ -100,7 +100,7 @@ class System:
         """
         if not self.loads.timed:
             return self
-        return replace(self, loads=self.loads.spread(h, apart=self.added.clocks))
+        return replace(self, loads=self.loads.spread(h, apart=self.added.clocks.values()))
 
     @property
     def sliding(self) -> System:
