@@ -280,10 +280,10 @@ def _by_torque(
 
     held = used(0.0)
     if held.max() > 1.0:
-        name = names[int(held.argmax())]
+        of, _, name = names[int(held.argmax())].partition(" of ")
         raise MotionError(
-            f"{seen.robot.name}: retime: {held.max():.3g} of the {name} is needed to hold still on "
-            "this path: no speed keeps it. Give another limit, path or payload."
+            f"{seen.robot.name}: retime: {name} needs {held.max():.3g} of its {of} limit to hold "
+            "still on this path: no speed keeps it. Give another limit, path or payload."
         )
     fast = 1.0 / least if least else 1.0
     while not least and used(fast).max() <= 1.0:
