@@ -87,7 +87,7 @@ def integrate(
                     now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
                 last = now
             if exact is not None and k + 1 in crossed:
-                last = now = _across(march, exact, now, k, crossed[k + 1])
+                last = now = _across(mechanism.name, march, exact, now, k, crossed[k + 1])
                 k, fresh = k + 1, fresh | {k + 1}
                 record.keep(k, now)
             elif compiled is not None:
@@ -146,11 +146,11 @@ def crossing(instants: Sequence[float], t: Array) -> dict[int, Array]:
     return {k: np.array(inside) for k, inside in found.items()}
 
 
-def _across(march: PlainAlpha, exact: Problem, now: Step, k: int, inside: Array) -> Step:
+def _across(name: str, march: PlainAlpha, exact: Problem, now: Step, k: int, inside: Array) -> Step:
     """The state a step behind step k, where masses come or go at its end or times inside (s)."""
     t, method = march.path.t[k : k + 2], radau(STAGES)
     ends = np.append(inside, t[1])
-    run = plain_radau.integrate("", exact, method, (now.y, now.v), t, ends, inside)
+    run = plain_radau.integrate(name, exact, method, (now.y, now.v), t, ends, inside)
     return march.first(run.y[-1], run.v[-1], k + 1)
 
 

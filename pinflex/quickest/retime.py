@@ -281,8 +281,9 @@ def _by_torque(
     held = used(0.0)
     if held.max() > 1.0:
         of, _, name = names[int(held.argmax())].partition(" of ")
+        of = of if of == _CURVE else f"{of} limit"
         raise MotionError(
-            f"{seen.robot.name}: retime: {name} needs {held.max():.3g} of its {of} limit to hold "
+            f"{seen.robot.name}: retime: {name} needs {held.max():.3g} of its {of} to hold "
             "still on this path: no speed keeps it. Give another limit, path or payload."
         )
     fast = 1.0 / least if least else 1.0
