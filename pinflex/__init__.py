@@ -87,7 +87,6 @@ if TYPE_CHECKING:
     from pinflex.integrators.collocation import generalized_alpha, hht, newmark
     from pinflex.inversion.command import Command, command
     from pinflex.inversion.linear_model import LinearModel, linearise
-    from pinflex.inversion.retime import Retimed, retime
     from pinflex.inversion.verify import track
     from pinflex.levels.modes import Modes, modes
     from pinflex.levels.quasistatic import (
@@ -103,6 +102,7 @@ if TYPE_CHECKING:
     from pinflex.live.simulator import Simulator
     from pinflex.mechanics.mechanism import Mechanism, load
     from pinflex.quickest.fastest import Fastest, fastest
+    from pinflex.quickest.retime import Retimed, retime
     from pinflex.results.comparison import comparison
     from pinflex.results.result import Result
     from pinflex.solver.solve import recompute
@@ -266,10 +266,6 @@ _HOME = {
         "LinearModel",
         "linearise",
     ),
-    "inversion.retime": (
-        "Retimed",
-        "retime",
-    ),
     "inversion.verify": ("track",),
     "levels.modes": (
         "Modes",
@@ -300,6 +296,10 @@ _HOME = {
     "quickest.fastest": (
         "Fastest",
         "fastest",
+    ),
+    "quickest.retime": (
+        "Retimed",
+        "retime",
     ),
     "results.comparison": ("comparison",),
     "results.result": ("Result",),

@@ -237,6 +237,29 @@ maps.tracked = lambda shapes, mass, count, first=None: {
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
+    "the mass of a payload that goes stays": (
+        """
+recompiled(
+    "added_mass.c", "n->F[d] += share * f[d], n->N[d] += share *", "n->F[d] += f[d], n->N[d] +="
+)
+""",
+        ["tests/verification/test_payload_in_time.py"],
+    ),
+    "a payload brings no kinetic energy": (
+        """
+import pinflex.recovery.kinematics as kinematics
+kinematics.brought = lambda added, rates, t: 0.0 * t
+""",
+        ["tests/verification/test_payload_in_time.py"],
+    ),
+    "equal steps over a mass that goes as over a load": (
+        """
+altered(
+    "pinflex.integrators.equal_steps", "if exact is None else crossing(", "if True else crossing("
+)
+""",
+        ["tests/verification/test_payload_in_time.py"],
+    ),
     "shares of links that are alike are not added up": (
         """
 altered(

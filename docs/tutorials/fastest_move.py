@@ -84,7 +84,7 @@ print(move)
 
 # %% [markdown]
 # For comparison, under the same limits: jerk-limited profiles with zero-vibration shapers for one
-# mode and for two. `move.baselines()` computes twelve to twenty common motions,
+# mode and for two. `move.baselines()` computes 14 to 32 common motions,
 # and `move.page("race.html", rows)` writes a page on which they race.
 
 # %%

@@ -142,6 +142,8 @@ def _only_coupled(mechanism: Mechanism) -> str:
         return "the motors push (drive: torque): only coupled lets them feel the links"
     if mechanism.description.control is not None:
         return "a control feeds vibration back, which only coupled has"
+    if mechanism.flexible.added.instants:
+        return "a payload comes or goes, of which no error bar of the other levels knows"
     if mechanism.report.mobility != len(mechanism.rigid.motors) or len(mechanism.idle.base):
         return "the motors do not determine the motion: only coupled lets the rest swing"
     return ""

@@ -14,6 +14,7 @@ import numpy as np
 import pinflex as pf
 from pinflex.cli.console import answer, check_files, load_model, working
 from pinflex.cli.options import values
+from pinflex.description.motions.trajectory import KINDS, most_modes
 from pinflex.errors import DescriptionError
 from pinflex.progress import Bar
 from pinflex.report import Report, Table, table
@@ -216,6 +217,9 @@ def _shapers_report(data: dict[str, Any], asked: int) -> Report:
         "nothing excites them."
     )  # fmt: skip
     shapers = [{"shaper": kind.upper(), **row} for kind, row in data["shapers"].items()]
+    out = [kind for kind in KINDS if kind not in data["shapers"]]
+    names = " and ".join(kind.upper() for kind in out)
+    many = f"{names}: at most {most_modes(out[0])} modes. Ask for fewer (--modes)." if out else ""
     errors = [
         (f"{100 * e:+.0f} %" if e else "0", lambda row, k=k: row["residual"][k], _left)
         for k, e in enumerate(data["errors"])
@@ -236,6 +240,7 @@ def _shapers_report(data: dict[str, Any], asked: int) -> Report:
             ("longer by [s]", "time"), *errors, ("along the motion", "along", _left),
             ("width at 5 % [%]", "width", lambda x: f"{x:.0f}"), names=(6,),
         ),
+        *([many] if many else []),
         "Not in this table: modes that are not listed, and what grows with the square of the speed "
         "(centrifugal forces, poses that change the modes); `pinflex compare` has both.",
         "`shaper: zvd` in the motion of the YAML (or --set motion.shaper=zvd) applies one; "

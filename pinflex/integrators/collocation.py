@@ -7,7 +7,7 @@ integrals. Newton's equations for all stages fall apart along the eigenvectors o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -268,21 +268,63 @@ Method = Callable[[At, int, float, Array], Iterator[State]]
 
 def start_at_rest(now: Instant, d: Array) -> State:
     """State at rest in d: the acceleration that balances the first instant."""
-    a, mass = np.zeros_like(d), np.abs(np.diag(now.M))
+    still = np.zeros_like(d)
+    return start_anew(now, State(d, still, still, np.zeros(len(now.J))))
+
+
+def start_anew(now: Instant, state: State) -> State:
+    """A state with the acceleration that balances an instant; closures go on as they did."""
+    a, mass = state.a.copy(), np.abs(np.diag(now.M))
     heavy = mass > _MASSLESS * np.max(mass, initial=0.0)  # the others follow, whatever their a
-    J, load = now.J[:, heavy], -(now.r + now.K @ d)[heavy]
-    a[heavy], lam = saddle(now.M[np.ix_(heavy, heavy)], J, J, load, np.zeros(len(J)))
-    return State(d, np.zeros_like(d), a, lam)
+    J, load = now.J[:, heavy], -(now.r + now.C @ state.v + now.K @ state.d)[heavy]
+    a[heavy], lam = saddle(now.M[np.ix_(heavy, heavy)], J, J, load, J @ a[heavy])
+    return State(state.d, state.v, a, lam)
 
 
-def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-    """Newmark, or another member of the alpha family (pinflex.integrators.collocation)."""
+def collocated(method: Collocation, at: Sequence[Instant], h: float, now: State) -> State:
+    """One step of length h (s) of the linear system, which is `at` the stages, by collocation."""
+    m, n, rows = method, len(now.d), len(at[0].J)
+    d = now.d + h * m.c[:, None] * now.v
+    S = np.zeros((m.s, n + rows, m.s, n + rows))
+    b = np.zeros((m.s, n + rows))
+    for i, x in enumerate(at):
+        for j in range(m.s):
+            S[i, :n, j, :n] = h * m.A[i, j] * x.C + h * h * m.A2[i, j] * x.K
+            S[i, n:, j, :n] = m.A2[i, j] * x.J
+        S[i, :n, i, :n] += x.M
+        S[i, :n, i, n:] = -x.J.T
+        b[i] = np.append(-(x.r + x.C @ now.v + x.K @ d[i]), -(x.J @ d[i]) / (h * h))
+    found = np.linalg.solve(S.reshape(b.size, b.size), b.ravel()).reshape(b.shape)
+    a = found[:, :n]
+    return State(
+        d[-1] + h * h * m.A2[-1] @ a,
+        now.v + h * m.A[-1] @ a,
+        a[-1],
+        np.asarray(found[-1, n:], float),
+    )
+
+
+Across = Mapping[int, Callable[[State], State]]
+
+
+def alpha(
+    scheme: AlphaScheme, at: At, count: int, h: float, d: Array, across: Across | None = None
+) -> Iterator[State]:
+    """Newmark, or another member of the alpha family (pinflex.integrators.collocation).
+
+    `across`: steps by number that are taken in another way, behind which it begins anew.
+    """
     factor, beta, gamma = scheme.mass_factor, scheme.beta, scheme.gamma
     by_a, by_v, by_d = scheme.weights(h)
     state = start_at_rest(at(0), d)
     yield state
-    v, a, s = state.v, state.a, state.a
+    v, a, s, lam = state.v, state.a, state.a, state.lam
     for k in range(1, count):
+        if across and k in across:
+            state = across[k](State(d, v, a, lam))
+            d, v, a, s = state.d, state.v, state.a, state.a
+            yield state
+            continue
         now = at(k)
         d = d + h * v + h * h * (0.5 - beta) * s
         v = v + h * (1 - gamma) * s
@@ -298,10 +340,11 @@ def alpha(scheme: AlphaScheme, at: At, count: int, h: float, d: Array) -> Iterat
 
 @dataclass(frozen=True)
 class Alpha:
-    """A member of the alpha family as a method."""
+    """A member of the alpha family as a method; `across`: see `alpha`."""
 
     scheme: AlphaScheme
+    across: Across | None = None
 
     def __call__(self, at: At, count: int, h: float, d: Array) -> Iterator[State]:
         """States at equal steps."""
-        return alpha(self.scheme, at, count, h, d)
+        return alpha(self.scheme, at, count, h, d, self.across)

@@ -13,10 +13,11 @@ from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.path import MotorAxes, MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
-from pinflex.integrators.collocation import AlphaScheme, implicit_euler
+from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
+from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.problem import Problem, Run, Settings
 from pinflex.kernel.march import AlphaKernel, Iteration, LawKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -44,8 +45,11 @@ def integrate(
     feedback: Feedback | None = None,
     resume: tuple[int, Step | None] = (0, None),
     breaks: Sequence[float] = (),
+    exact: Problem | None = None,
 ) -> Run:
     """March the full equations over the steps of a motor path; accelerations may jump at `breaks`.
+
+    `exact`: the same equations at any time, of which a step is taken in which a mass comes or goes.
 
     Returns:
         States, multipliers and torques at every step (from that one on).
@@ -55,13 +59,16 @@ def integrate(
     """
     t, steps, begin = path.t, len(path.t) - 1, resume[0]
     pointwise, at = (path, drive), np.zeros(0, dtype=np.intp)
+    system = dynamics.system
+    crossed = {} if exact is None else crossing(system.added.instants, t)
+    breaks = [x for x in breaks if x not in system.added.instants]
     if drive is None:
         mean, at = averaged(t, path.acceleration, breaks)
         path = replace(path, acceleration=mean)
     else:
         mean, at = averaged(t, drive.feed_forward, breaks)
         drive = replace(drive, feed_forward=mean)
-    system, switched = dynamics.system, _switched(dynamics.system.loads, t)
+    switched = _switched(system.loads, t)
     spread = len(switched) > 0
     felt = Equations(system.in_steps(t[1] - t[0]), marched=True) if spread else dynamics
     march = PlainAlpha(mechanism, felt, path, scheme, drive, tolerance, feedback)
@@ -79,9 +86,13 @@ def integrate(
                 if dynamics.looped:
                     now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
                 last = now
-            if compiled is not None:
+            if exact is not None and k + 1 in crossed:
+                last = now = _across(mechanism.name, march, exact, now, k, crossed[k + 1])
+                k, fresh = k + 1, fresh | {k + 1}
+                record.keep(k, now)
+            elif compiled is not None:
                 begun = k
-                stops = (j for j in fresh if j > k)
+                stops = (j for j in (*fresh, *(j - 1 for j in crossed)) if j > k)
                 upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
                 k, now, last = compiled.advance(k, now, last, upto)
                 done = record.columns[0][begun + 1 : k + 1]
@@ -95,7 +106,7 @@ def integrate(
                 record.keep(k, now)
             if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
-    except MotionError as error:
+    except (MotionError, ConvergenceError) as error:
         error.result = record.run(k)
         raise
     except KeyboardInterrupt:
@@ -115,6 +126,32 @@ def _switched(loads: Loads, t: Array) -> IntArray:
     h, times = t[1] - t[0], [x for f, _ in loads.forces if f.timed for x in f.corners]
     found = [int(np.searchsorted(t, x - 0.5 * h)) for x in times if 0.0 < x <= t[-1]]
     return np.unique(np.array(found, dtype=np.intp))
+
+
+# A step in which a mass comes or goes. No mean over it is right, as it is for loads: accelerations
+# are not linear in the mass. So it is taken up to the instant and from there, by collocation, and
+# the steps begin anew behind it.
+
+STAGES = 3
+_AT_END = 1e-6  # of the step: an instant so near its end is there
+
+
+def crossing(instants: Sequence[float], t: Array) -> dict[int, Array]:
+    """Times (s) up to which such a step goes and from there on, by its number among those of t."""
+    near, found = _AT_END * (t[1] - t[0]), dict[int, list[float]]()
+    for x in instants:
+        if t[0] + near < x <= t[-1] + near:
+            inside = found.setdefault(k := int(np.searchsorted(t, x - near)), [])
+            inside += [x] if x < t[k] - near else []
+    return {k: np.array(inside) for k, inside in found.items()}
+
+
+def _across(name: str, march: PlainAlpha, exact: Problem, now: Step, k: int, inside: Array) -> Step:
+    """The state a step behind step k, where masses come or go at its end or times inside (s)."""
+    t, method = march.path.t[k : k + 2], radau(STAGES)
+    ends = np.append(inside, t[1])
+    run = plain_radau.integrate(name, exact, method, (now.y, now.v), t, ends, inside)
+    return march.first(run.y[-1], run.v[-1], k + 1)
 
 
 class _Record:

@@ -117,7 +117,7 @@ class Events:
         least = np.where(e > 0.0, _FAINT, 1.0)  # of no restitution none bounces
         faint = rests | ((e < 1.0) & (-before <= least * self._fastest[laws]))
         e[faint] = 0.0
-        move = self._moves(march.y, N)
+        move = self._moves(march.y, N, t)
         G = N @ move
         if not G[laws.index(k), laws.index(k)] > _NEVER:
             raise ConvergenceError(
@@ -130,7 +130,7 @@ class Events:
         march.v[...] += move @ p
         after = N @ march.v
         lost = -float(p @ (before + after)) / 2.0
-        M = self._problem.dynamics.mass(march.y)
+        M = self._problem.dynamics.mass(march.y, t)
         gained = 0.5 * float((march.v + old) @ M @ (march.v - old))
         self._given.append((t, gained + lost))
         for i, j in enumerate(laws):
@@ -172,10 +172,10 @@ class Events:
                 N[i, rows[k].v] = 1.0
         return N
 
-    def _moves(self, y: Array, N: Array) -> Array:
+    def _moves(self, y: Array, N: Array, t: float) -> Array:
         """What impulses of one along rows N (k, nv) change of the velocities, shape (nv, k)."""
         d, free = self._problem.dynamics, self._problem.free
-        M, J = d.mass(y), d.close(y).J[:, free]
+        M, J = d.mass(y, t), d.close(y).J[:, free]
         n, rows = len(free), len(J)
         S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
         pushed = np.concatenate([N[:, free].T, np.zeros((rows, len(N)))])

@@ -54,7 +54,7 @@ def consistent_acceleration(
     r, _ = dynamics.residual(y, v, a, np.zeros(rows), t, control_force)
     if tau is not None:
         r[system.motors] -= tau
-    M = dynamics.mass(y)
+    M = dynamics.mass(y, t)
     n = len(free)
     S = np.zeros((n + rows, n + rows))
     S[:n, :n] = M[np.ix_(free, free)]

@@ -29,6 +29,7 @@ from pinflex.inversion.target import (
     target,
 )
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
 from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery.meta import drives
 from pinflex.report import card, grid, pairs
@@ -284,6 +285,7 @@ def command(
             "answer. Describe flexible links or elastic joints."
         )
     _require_numbers(mechanism.name, level, tol, before, after, instants)
+    require_staying(mechanism.description, "command")
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
     held = tuple(coordinates or (motion.names if motion.target == "platform" else ()))

@@ -30,7 +30,7 @@ _INTO: dict[str, str | int] = {
     "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
     "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "couple_row": "closures", "couple_q": "nQ", "couple_v": "nV",
-    "added_node": "nodes", "bent_first": "n_eta", "bent_directions": 3,
+    "added_node": "nodes", "added_force": "forces", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "block_of": "blocks", "block_order": "blocks", "block_above": "blocks", "node_block": "blocks",
@@ -41,7 +41,7 @@ _INTO: dict[str, str | int] = {
 }  # fmt: skip
 _SLEEVE_ROWS = constant("MOST_SLEEVE_ROWS")
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
-         "spring_a", "spring_b", "sleeve_node", "stretch_node",
+         "added_force", "spring_a", "spring_b", "sleeve_node", "stretch_node",
          "block_above", "kink_v", "spring_kink"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)

@@ -12,26 +12,32 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.drive import Nominal, between, breaks, nominal
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import ConvergenceError, Ending
+from pinflex.errors import ConvergenceError, DescriptionError, Ending
 from pinflex.integrators.chebyshev import Interpolation, Varying
 from pinflex.integrators.collocation import (
+    Across,
     Alpha,
     AlphaScheme,
     Instant,
     Method,
     State,
     alpha,
+    collocated,
+    radau,
     scheme,
+    start_anew,
     start_at_rest,
 )
+from pinflex.integrators.equal_steps import STAGES, crossing
 from pinflex.integrators.problem import Run, Settings
 from pinflex.kernel.evaluate import ConstantPart, LinearKernel, entries_of, linear_systems
 from pinflex.kernel.library import kernel
@@ -291,6 +297,7 @@ _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness 
 # What interpolated matrices may miss: default steps leave 1e-3 of a vibration, round-off 1e-12. A
 # method from outside may take differences of them, as mode superposition does, over h^2.
 _CLOSE, _CLOSER = 1e-8, 1e-12
+_BESIDE = 1e-10  # of the time: beyond what motions and loads snap to
 
 
 def method_of(spec: SolveSpec) -> Method:
@@ -368,10 +375,38 @@ class _Ked:
         self, systems: InterpolatedPath | EveryStep, method: Method, start: Array,
         progress: Callable[[int, int], None] | None,
     ) -> tuple[Response, Array]:  # fmt: skip
-        """The deviation and the motors' torques at the samples."""
-        if isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
+        """The deviation and the motors' torques at the samples.
+
+        Raises:
+            DescriptionError: A mass comes or goes, of which a method from outside knows nothing.
+        """
+        if self.system.added.instants:
+            if not isinstance(method, Alpha):
+                raise DescriptionError(
+                    f"{self._mechanism.name}: payload: from, until: level ked takes them with a "
+                    "method of the alpha family. Leave out solve.integrator."
+                )
+            method = replace(method, across=self._across(systems))
+        elif isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
             return _alpha(systems, method.scheme, self.h, start, self._every)
         return _stepped(systems, method, self.h, start, self._every, progress)
+
+    def _across(self, systems: InterpolatedPath | EveryStep) -> Across:
+        """Steps in which something jumps, taken up to there and from there."""
+        t, c, dynamics = self._t, radau(STAGES).c, self.line.dynamics
+
+        def step(k: int, inside: Array, state: State) -> State:
+            for a, b in pairwise([t[k - 1], *inside, t[k]]):
+                times = a + (b - a) * c
+                times[-1] -= _BESIDE * max(1.0, b)  # just before a jump
+                path = between(self._mechanism, self._motion, self.path, times)
+                line = LinearPath(self._mechanism, path, self._structural, dynamics)
+                at = [line.at(i).free for i in range(len(c))]
+                state = collocated(radau(STAGES), at, b - a, state)
+            return start_anew(systems.at(k).free, state)
+
+        crossed = crossing(breaks(self._motion, self.system.loads), t)
+        return {k: partial(step, k, inside) for k, inside in crossed.items()}
 
     def accept(self, deviation: Response, torque: Array) -> Run:
         """The nominal motion with its deviation.

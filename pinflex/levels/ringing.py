@@ -24,6 +24,7 @@ from pinflex.levels.modes import Modes, allowed_motions, modes, vibrating
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
 from pinflex.text import brief
 
 _INSTANTS = 9  # at which the modes are found, matched with those before by their shapes
@@ -85,6 +86,8 @@ def ringing(mechanism: Mechanism, motion: Motion, count: int | None = None) -> R
         raise DescriptionError(
             f"{mechanism.name}: nothing vibrates. Describe flexible links or elastic joints."
         )
+    then = "Leave out both, or give the shaper its frequencies."
+    require_staying(mechanism.description, "vibrations that a motion excites", then)
     f, damping, left = _excited(mechanism, motion)
     if not np.any(left > 0.0):
         raise DescriptionError(f"{mechanism.name}: the motion excites no vibration.")

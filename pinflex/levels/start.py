@@ -253,8 +253,9 @@ def linear_start(
 
 
 def lasting(system: System) -> System:
-    """The system without loads that come and go."""
-    forces = tuple(pair for pair in system.loads.forces if not pair[0].timed)
+    """The system without loads that come and go; what it carries at first has its weight."""
+    carried = system.added.clocks.values()
+    forces = tuple(x for x in system.loads.forces if not x[0].timed or x[0] in carried)
     if len(forces) == len(system.loads.forces):
         return system
     return replace(system, loads=replace(system.loads, forces=forces))

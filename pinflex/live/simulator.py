@@ -26,6 +26,7 @@ from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
 from pinflex.mechanics.model.tree import model_of
 from pinflex.recovery.kinematics import motion_of
 from pinflex.recovery.recover import result_of
@@ -34,6 +35,9 @@ from pinflex.solver.scene import Scene
 from pinflex.solver.solve import rigid_reference
 
 Numbers = npt.ArrayLike
+_TWO = (
+    "Make one simulator with it and one without, and go on in the other with reset(start=(y, v))."
+)
 _MOST = 1_000_000  # iterations, tangents, steps between two: more than any run has
 
 
@@ -84,6 +88,7 @@ class Simulator:
         mechanism = self.mechanism = takes_model(lambda robot: robot)(robot)
         where = f"{mechanism.name}: Simulator"
         _require(where, dt, integrator, iterations=iterations, tangents=tangents, every=every)
+        require_staying(mechanism.description, "Simulator", _TWO)
         self.dt, self._system = float(dt), mechanism.loose
         self._dynamics = Equations(self._system.in_steps(dt), marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:

@@ -205,11 +205,11 @@ def rigid_system(
     ground = _ground(description, tree, guess)
     every = closures(description.loops, tree.frames, model, held, coupled, ground)
     nv = int(model.nv)
-    placed = loads(description.forces, description.springs, tree.frames)
+    placed = loads(description, tree.frames)
     system = System(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
         friction=joint_friction(description, model),
-        added=added_masses(description.added_masses, tree.frames),
+        added=added_masses(description, tree.frames),
         kinks=kinks(description, model, None),
     )  # fmt: skip
     system = replace(system, closed=_with_lengths(system, guess))
@@ -335,10 +335,10 @@ def flexible_system(
     every = assembled.misfit.built_in(every)
     lengths = _lengths_of(rigid.closed, description)
     every = replace(every, lengths=lengths)
-    placed = loads(description.forces, description.springs, expansion.frames)
+    placed = loads(description, expansion.frames)
     system = System(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
-        rigid.friction, added_masses(description.added_masses, expansion.frames),
+        rigid.friction, added_masses(description, expansion.frames),
         kinks(description, rigid.rigid, expansion),
     )  # fmt: skip
     require_workspace(description.name, system, description.limit)

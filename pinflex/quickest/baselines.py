@@ -40,7 +40,6 @@ _SUDDEN = 1e9  # jerk over acceleration [1/s] where no jerk is limited
 _PLACES = 801
 _OVER = 1e-3  # of a limit, as of the fastest motion
 _TRIES = 3
-_HEARD = 2  # modes that shapers cancel, at the most
 _TOPS = np.linspace(0.4, 1.0, 7)  # of a top speed that are tried
 _STILL = 1e-6  # of their top speed, below which the motors of a command rest
 
@@ -83,7 +82,7 @@ def baselines(
     nominal = found.models["nominal"]
     rigid = RigidPath(nominal, found.target, found.moves, 1.0)
     heard = ringing(nominal, found.motion)
-    loud = np.argsort(-heard.share)[:_HEARD]
+    loud = np.argsort(-heard.share)  # up to three, as a shaper of the YAML takes
     period = 1.0 / float(modes(nominal, rigid.end, count=1).frequencies[0])
     gain = np.abs(rigid.motor_speed(np.linspace(0.0, 1.0, 101))).max(axis=0)
     turning = gain > 0.0
@@ -127,7 +126,7 @@ def _cruise(found: Fastest, rigid: RigidPath, top: float) -> float:
 
 
 def _shapers(kinds: tuple[str, ...], modes: int) -> list[tuple[str, int]]:
-    """Each shaper of the loudest mode, and of two."""
+    """Each shaper of the loudest mode, of two and so on."""
     return [(kind, n) for kind in kinds for n in (range(1, modes + 1) if kind else (0,))]
 
 

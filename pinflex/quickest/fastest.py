@@ -19,6 +19,7 @@ from pinflex.levels.ringing import ringing
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
 from pinflex.quickest.curves import curves_of, reduced
 from pinflex.quickest.limits import (
     Limits,
@@ -212,6 +213,7 @@ def fastest(
         raise DescriptionError(
             f"{mechanism.name}: fastest: needs `platform: FRAME` in the YAML, which is to be still."
         )
+    require_staying(mechanism.description, "fastest")
     target, moves = _moves(mechanism, to, target)
     models = {"nominal": mechanism}
     for factors in corners(robust or {}):

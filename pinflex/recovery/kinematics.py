@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -22,7 +22,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.mechanics.model.loads import Attachment, Interface, Loads
+from pinflex.mechanics.model.loads import AddedMasses, Attachment, Interface, Loads
 from pinflex.results.result import Result
 from pinflex.rotations import cross
 from pinflex.text import brief
@@ -58,33 +58,47 @@ def load_work(
     force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array
 ) -> Array:
     """Work of a load until each instant, without that of a potential, J, shape (nt,)."""
-    P, power, slope = _in_full(force, t, position, rotation, rate, rise)
-    knots = [_Knot(*map(float, k)) for k in zip(t, P, power, slope, strict=True)]
-    steps = [_step(force, a, b) for a, b in pairwise(knots)]
+    near = _SAME * float(np.min(np.diff(t), initial=np.inf))
+    on = [k for x in force.corners for k in np.flatnonzero(np.abs(t - x) <= near).tolist() if k]
+    P, power, slope = _in_full(force, t, position, rotation, rate, rise, on)
+    after, before = (
+        [_Knot(*map(float, k)) for k in zip(t, P, power, each, strict=True)]
+        for each in (slope, _just_before(t, power, slope, on))
+    )
+    steps = [_step(force, a, b) for a, b in zip(after[:-1], before[1:], strict=True)]
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def _just_before(t: Array, values: Array, slope: Array, on: Sequence[int]) -> Array:
+    """Slopes (nt,), at samples `on` which they jump those before: of the parabola up to there."""
+    found = slope.copy()
+    for k in on:
+        found[k] = 2.0 * (values[k] - values[k - 1]) / (t[k] - t[k - 1]) - slope[k - 1]
+    return found
+
+
 def _in_full(
-    force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array
-) -> tuple[Array, Array, Array]:
+    force: FrameForce, t: Array, position: Array, rotation: Array, rate: Array, rise: Array,
+    on: Sequence[int],
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Work if the load acted in full all along, its power and the slope of that, (nt,) each."""
     push = np.zeros(3) if force.potential else np.array(force.force)
     wrench = np.concatenate([push, force.moment])
     if not force.follower:
         power, slope = rate @ wrench, rise @ wrench
-        P = position @ push + _integral(t, rate[:, 3:] @ wrench[3:], rise[:, 3:] @ wrench[3:])
+        P = position @ push + _integral(t, rate[:, 3:] @ wrench[3:], rise[:, 3:] @ wrench[3:], on)
         return P, power, slope
     turned = np.concatenate([rotation @ push, rotation @ wrench[3:]], axis=1)
     spin = cross(rate[:, 3:], turned[:, :3])  # a following moment turns across its own power
     power = np.sum(turned * rate, axis=1)
     slope = np.sum(turned * rise, axis=1) + np.sum(spin * rate[:, :3], axis=1)
-    return _integral(t, power, slope), power, slope
+    return _integral(t, power, slope, on), power, slope
 
 
-def _integral(t: Array, values: Array, slope: Array) -> Array:
+def _integral(t: Array, values: Array, slope: Array, on: Sequence[int]) -> Array:
     """Integral from the first instant on, by the trapezium rule with its end correction, (nt,)."""
-    h = np.diff(t)
-    each = h * (values[1:] + values[:-1]) / 2 + h**2 * (slope[:-1] - slope[1:]) / 12
+    h, late = np.diff(t), _just_before(t, values, slope, on)[1:]
+    each = h * (values[1:] + values[:-1]) / 2 + h**2 * (slope[:-1] - late) / 12
     return np.concatenate([[0.0], np.cumsum(each)])
 
 
@@ -133,6 +147,35 @@ def _ahead(k: _Knot, t: float) -> _Knot:
     return _Knot(t, k.P + k.rate * x + k.rise * x * x / 2, k.rate + k.rise * x, k.rise)
 
 
+def brought(added: AddedMasses, rates: Mapping[int, Array], t: Array) -> Array:
+    """Kinetic energy that masses which came have brought until each instant, less that of those
+    which went, J, shape (nt,). `rates`: motions of their joints, (nt, 2, 6).
+    """
+    total = np.zeros(len(t))
+    for k, clock in added.clocks.items():
+        M, (v, a) = added.inertia[k], rates[added.joints[k]].swapaxes(0, 1)
+        energy, rate = 0.5 * np.sum(v @ M * v, axis=1), np.sum(v @ M * a, axis=1)
+        shares = np.array([clock.scale(float(x)) for x in t])
+        for x in clock.corners:
+            after = int(np.searchsorted(t, x - _SAME * (t[-1] - t[0])))
+            if 0 < after < len(t):
+                sign = shares[after] - shares[after - 1]
+                total[after:] += sign * _reached(t, energy, rate, x, after)
+    return total
+
+
+def _reached(t: Array, values: Array, rates: Array, x: float, after: int) -> float:
+    """A value at a time x, whose rate jumps there: parabolas of the samples on either side."""
+    found = []
+    for near, far in ((after - 1, after - 2), (after, after + 1)):
+        s, bend = x - t[near], 0.0
+        if 0 <= far < len(t):
+            bend = (rates[far] - rates[near]) / (t[far] - t[near])
+        found.append(values[near] + s * rates[near] + 0.5 * s * s * bend)
+    share = (x - t[after - 1]) / (t[after] - t[after - 1])
+    return float((1.0 - share) * found[0] + share * found[1])
+
+
 @dataclass(frozen=True)
 class Kinematics:
     """Kinematics of one run.
@@ -153,7 +196,7 @@ class Kinematics:
 def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     """Kinematics of a run."""
     # as if marched: at hundreds of samples the kernel serves rigid systems, too
-    dynamics, nt, expansion = Equations(run.system, marched=True), len(run.t), run.system.expansion
+    dynamics, expansion = Equations(run.system, marched=True), run.system.expansion
     frames = {name: expansion.frames[name] for name in mechanism.description.reported}
     working = without_potential(run.system.loads)
     bearing = {slot.root.joint for slot in expansion.slots}
@@ -172,7 +215,7 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
                 load_work(force, run.t, *motion_of(poses[at.joint], rates[at.joint], at.placement))
                 for force, at in working
             ),
-            np.zeros(nt),
+            brought(run.system.added, rates, run.t),
         )
     spins = {joint: np.linalg.norm(rates[joint][:, 0, 3:], axis=1) for joint in bearing}
     return Kinematics(poses, arrays, spins)
@@ -276,7 +319,8 @@ def _linear_forces(mechanism: Mechanism, equations: Equations, run: Run, k: int)
     K = equations.structural_stiffness(y)
     alpha, beta = mechanism.description.system_damping
     force = K @ (d + beta * dv) + run.system.D @ dv
-    return np.asarray(force + alpha * equations.mass(y) @ dv) if alpha else force
+    inertia = alpha * (equations.mass(y, float(run.t[k])) @ dv) if alpha else 0.0
+    return np.asarray(force + inertia)
 
 
 class Samples:

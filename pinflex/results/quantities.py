@@ -128,7 +128,9 @@ KEYS = (
     Key("energy/spring", "(nt,)", "J", "energy of springs and of loads that keep their direction"),
     Key("energy/work", "(nt,)", "J", "work of the motors so far"),
     Key("energy/dissipated", "(nt,)", "J", "energy taken by damping and friction so far"),
-    Key("energy/loads", "(nt,)", "J", "work so far of loads without a potential, where there are"),
+    Key("energy/loads", "(nt,)", "J",
+        "work so far of loads without a potential, where there are; kinetic energy that a payload "
+        "which came has brought, or took along"),
     Key("residual/closure", "(nt,)", "m", "largest error of a closure (rad of a direction)"),
     Key("residual/newton", "(nt,)", "N | N m", "largest force that the equations leave over"),
     Key("control/NAME", "(nt,)", "", "signal of a controller, in the unit of its actuator"),

@@ -63,7 +63,7 @@ def _balanced(run: Run) -> bool:
     y, v, a, lam = run.y[-1], run.v[-1], run.a[-1], run.lam[-1]
     r, c = dynamics.residual(y, v, a, lam, float(run.t[-1]))
     open_by = float(np.max(np.abs(c), initial=0.0))
-    inertia = dynamics.mass(y) @ a
+    inertia = dynamics.mass(y, float(run.t[-1])) @ a
     scale = max(float(np.max(np.abs(x), initial=0.0)) for x in (inertia, r, run.torque[-1]))
     left = np.append(r[system.free], r[system.motors] - run.torque[-1])
     return open_by < _SAME and float(np.max(np.abs(left))) <= 1e-3 * max(scale, 1e-9)

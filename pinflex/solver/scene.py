@@ -253,6 +253,13 @@ class Scene:
             at = at or round(steps * float(self.before.t[-1] / t[-1]))
             keys["resume"] = at, state(self.before, (t[-1] - t[0]) / (len(fine) - 1))
         dynamics = Equations(self._system, marched=True)
+        if self._system.added.instants:
+            if self.control is not None:
+                raise DescriptionError(
+                    f"{self.mechanism.name}: payload: from, until: not under a continuous control. "
+                    "Give the control a period."
+                )
+            keys["exact"] = Problem(self.mechanism, dynamics, self._path(fine), drive)
         thin = self._thin(t, every, drive is None)
         try:
             run = coupled.integrate(

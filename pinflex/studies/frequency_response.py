@@ -19,7 +19,13 @@ from pinflex.actuation.path import plain_motion
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.motions.laws import table
-from pinflex.description.motions.trajectory import KINDS, TOLERATED, Shaper, shaper
+from pinflex.description.motions.trajectory import (
+    KINDS,
+    TOLERATED,
+    Shaper,
+    most_modes,
+    shaper,
+)
 from pinflex.errors import DescriptionError, nearest
 from pinflex.inversion.linear_model import LinearModel, linearise
 from pinflex.inversion.on_grid import zeros as internal_zeros
@@ -459,9 +465,10 @@ class ShaperRow:
 def shapers(
     mechanism: Mechanism, modes: int | None = None
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
-    """What ZV, ZVD and EI would do for the vibrations that the motion of the YAML excites."""
+    """What ZV, ZVD and EI, as far as they take so many, would do for what the motion excites."""
     found = ringing(mechanism, plain_motion(mechanism), modes)
-    return found, tuple(_row(kind, found) for kind in KINDS)
+    few = (kind for kind in KINDS if len(found.frequencies) <= most_modes(kind))
+    return found, tuple(_row(kind, found) for kind in few)
 
 
 def _row(kind: str, found: Ringing) -> ShaperRow:

@@ -304,7 +304,8 @@ payload: {at: crank}
 payload: {at: crnk, mass: 1}
 payload: {at: crank, mass: 1, weight: 1}
 payload: {at: crank, mass: 1, inertia: 2}
-payload: {at: crank, mass: 1, from: 0.5}
+payload: {at: crank, mass: 1, from: -0.5}
+payload: {at: crank, mass: 1, from: 0.5, until: 0.5}
 added_masses: {water: {at: crank}}
 added_masses: {water: {at: crank, mass: [1, -1, 0]}}
 added_masses: {water: {at: crnk, mass: [1, 1, 0]}}

@@ -192,6 +192,8 @@ def test_a_third_mode_of_a_ur10_is_shaped_and_the_table_tells_what_it_leaves(
     # the third alone: a share of the largest spectrum within 20 %, so to a factor of two
     assert 0.5 < shaken(scene, "{kind: zvd, modes: 2}") / plain / two.others < 2.0
     assert [len(shapers(robot, modes=n)[0].number) for n in (1, 4)] == [1, 4]
+    kinds = [row.kind for row in shapers(robot, modes=9)[1]]  # 3^9 impulses are no shaper
+    assert kinds == ["zv"] and len(shapers(robot, modes=9)[0].number) > 7
     assert shapers(robot, modes=1)[0].number.tolist() == [2]  # as in the table of all modes
 
 

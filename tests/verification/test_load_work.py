@@ -60,6 +60,10 @@ def test_a_push_that_ends_leaves_the_closed_form_and_its_energy(
     x = run.joint("block_joint").position
     # tol is of the largest value; a step that ends at the switch keeps its order
     assert np.abs(x - pulse(run.t, start, end)).max() < 1e-7 * np.abs(x).max()
+    # a sample at an instant at which it switches has what is just after it
+    on = (run.t > start - 1e-9) & (run.t < end - 1e-9)
+    a = (PUSH * on - SPRING * pulse(run.t, start, end)) / MASS
+    assert np.abs(run.joint("block_joint").acceleration - a).max() < 1e-6 * np.abs(a).max()
     work = run.array("energy/loads")
     done = PUSH * pulse(np.minimum(run.t, end), start, end)
     # Between samples the position at a switch is found to the fourth power of (omega step) = 0.05;

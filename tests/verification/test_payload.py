@@ -93,8 +93,6 @@ def test_a_payload_of_nothing_leaves_the_model_as_it_is() -> None:
 @pytest.mark.parametrize(
     "block, words",
     [
-        ("{at: tool0, mass: 5, from: 1}", r"payload\.from: a payload stays for the whole run"),
-        ("{at: tool0, mass: 5, until: 1}", r"payload\.until: a payload stays for the whole run"),
         ("{at: tol0, mass: 5}", r'payload\.at: no such link .*"tol0"\. Did you mean "tool0"'),
         ("{at: tool0}", r"payload\.mass"),
         ("{at: tool0, mass: -1}", r"payload\.mass: -1"),

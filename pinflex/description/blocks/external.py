@@ -72,6 +72,9 @@ def _at() -> Any:
     return schema.key(schema.REQUIRED, frame, key="at", given=True, form=schema.TEXT)
 
 
+_SNAP = 1e-13  # of the time: one that rounds to a switch is past it; stages inside are further off
+
+
 @dataclass(frozen=True)
 class FrameForce:
     """A load at a frame.
@@ -111,10 +114,11 @@ class FrameForce:
         return tuple(sorted(times if self.until is None else times | {self.until}))
 
     def scale(self, t: float) -> float:
-        """Share of the load that acts at a time t [s]."""
-        if t < self.start or (self.until is not None and t > self.until):
+        """Share of the load that acts at a time t [s]: just after, where it switches."""
+        past = t + _SNAP * max(1.0, t)
+        if past < self.start or (self.until is not None and past >= self.until):
             return 0.0
-        return min(1.0, (t - self.start) / self.ramp) if self.ramp else 1.0
+        return max(0.0, min(1.0, (t - self.start) / self.ramp)) if self.ramp else 1.0
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,10 @@ _NEGATIVE = 1e-9  # of the largest principal moment: round-off of one that is ze
 
 @dataclass(frozen=True)
 class Payload:
-    """A rigid body that a frame carries from the start of a run to its end.
+    """A rigid body that a frame carries.
+
+    One that comes or goes (`timed`) moves with the frame as it does: speeds stay, and accelerations
+    jump. It is no link of the model then but an added mass, with its weight as a load, in time.
 
     Attributes:
         name: Of the link that it becomes.
@@ -227,6 +234,7 @@ class Payload:
         mass: [kg].
         centre: Centre of mass [m].
         inertia: About the centre: xx yy zz xy xz yz [kg m^2].
+        start, until: When it is carried [s].
     """
 
     name: str
@@ -234,11 +242,25 @@ class Payload:
     mass: float = schema.real(schema.REQUIRED, "mass", low=0)
     centre: Vec3 = schema.triple((0.0, 0.0, 0.0), "place")
     inertia: tuple[float, ...] = schema.key((0.0,) * 6, lambda x, at: _inertia(x, at), form={})
+    start: float = schema.real(0.0, "time", low=0, key="from")
+    until: float | None = schema.real(None, "time", low=0)
 
     def __str__(self) -> str:
         x, y, z = self.centre
         away = f", its centre at [{x:g}, {y:g}, {z:g}] m" if any(self.centre) else ""
+        away += f", from {self.start:g} s" if self.start else ""
+        away += "" if self.until is None else f", until {self.until:g} s"
         return f"{self.mass:g} kg at {self.frame}{away}"
+
+    @property
+    def timed(self) -> bool:
+        """Whether it comes or goes on the way."""
+        return self.start > 0.0 or self.until is not None
+
+    def weight(self, gravity: Vec3) -> FrameForce:
+        """Its weight, to act at its centre: also without gravity, as the clock of its mass."""
+        x, y, z = (self.mass * g for g in gravity)
+        return FrameForce(self.name, self.frame, (x, y, z), start=self.start, until=self.until)
 
     @property
     def weighs(self) -> bool:
@@ -262,16 +284,13 @@ class Payload:
 
 def read_payload(value: object, where: str, urdf: Source) -> Payload | None:
     """The block; None where it weighs nothing."""
-    schema.Block(value, where).only(
-        ("from", "until"),
-        "a payload stays for the whole run, for the masses of a model are constant. Run the scene "
-        "twice, with and without `payload`, from rest to rest; what is grasped at speed is not "
-        "modelled.",
-    )
     block = schema.Block(value, where, PAYLOAD)
     found = Payload(_free_name({*urdf.links, *urdf.joints}), **block.read(urdf))
     if not found.mass and any(found.centre):
         raise block.error("centre", "no mass has a centre. Give a mass.")
+    if found.until is not None and found.until <= found.start:
+        text = f"{found.until:g} s. Give a time after `from`, {found.start:g} s."
+        raise block.error("until", text)
     return found if found.weighs else None
 
 

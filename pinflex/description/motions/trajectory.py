@@ -143,10 +143,14 @@ def shaper(
     return Shaper(times[order], shares[order])
 
 
+def most_modes(kind: str) -> int:
+    """Frequencies that a kind cancels at the most: impulses are two or three to their power."""
+    return int(math.log(MOST, 2 if kind == "zv" else 3))
+
+
 def _require_few(kind: str, frequencies: int) -> None:
-    """Refuse a shaper whose impulses, two or three to the power of the frequencies, take over."""
-    each = 2 if kind == "zv" else 3
-    most = int(math.log(MOST, each))
+    """Refuse a shaper whose impulses take over."""
+    each, most = 2 if kind == "zv" else 3, most_modes(kind)
     if frequencies > most:
         raise DescriptionError(
             f"shaper: {frequencies} frequencies make {each}^{frequencies} impulses of kind {kind}. "

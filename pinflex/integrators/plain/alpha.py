@@ -222,7 +222,7 @@ class PlainAlpha:
         a, lam = self.accelerated(k, y, v, motor_a[k])
         dt = part * self.h
         ahead = self.dynamics.integrate(y, dt * v + 0.5 * dt * dt * a)
-        between = motor_a[k] * (1 - part) + motor_a[k + 1] * part
+        between = motor_a[k] * (1 - part) + motor_a[min(k + 1, len(motor_a) - 1)] * part
         a_ahead, _ = self.accelerated(k, ahead, v + dt * a, between)
         s = a + (a_ahead - a) * ((scheme.alpha_m - scheme.alpha_f) / part)
         known = max(np.max(np.abs(x), initial=0.0) for x in (a, motor_a))
@@ -256,7 +256,7 @@ class PlainAlpha:
         """
         dynamics, free, scheme = self.dynamics, self.problem.free, self.scheme
         _, lam = self.accelerated(k + 1, after.y, after.v, self.path.acceleration[k + 1])
-        M = dynamics.mass(first.y)[np.ix_(free, free)]
+        M = dynamics.mass(first.y, float(self.path.t[k]))[np.ix_(free, free)]
         J = dynamics.close(first.y).J[:, free]
         mu = (scheme.beta * self.h / scheme.mass_factor) * (after.lam - lam)
         v = first.v.copy()

@@ -8,11 +8,13 @@
      da_j: M S_j     dv_j: B S_j + M U_j     dq_j: B Y_j + M Z_j
      B s = v x* (M s) + s x* (M v) - M (v x s)
 
-   beside S_j x* f of joints below, which the tree brings. Source: Lamb, Hydrodynamics, art. 124. */
+   beside S_j x* f of joints below, which the tree brings. That of a payload which comes or goes counts in
+   the share of its weight. Source: Lamb, Hydrodynamics, art. 124. */
 #include "tangent.h"
 
-void add_masses(const Tables *t, Work *w) {
+void add_masses(const Tables *t, Work *w, const Lane *scale) {
   for (Int k = 0; k < t->added; k++) {
+    const Lane share = added_share(t, k, scale);
     Node *n = node_at(w, t->added_node[k]);
     Lane g[3], swept[3], v[6], a[6], h[6], f[6];
     const Lane down[3] = {lane(t->gravity[0]), lane(t->gravity[1]), lane(t->gravity[2])};
@@ -32,7 +34,7 @@ void add_masses(const Tables *t, Work *w) {
       for (int d = 0; d < 3; d++) f[3 * part + d] += swept[d];
     }
     cross(n->v, h, swept);
-    for (int d = 0; d < 3; d++) n->F[d] += f[d], n->N[d] += f[3 + d] + swept[d];
+    for (int d = 0; d < 3; d++) n->F[d] += share * f[d], n->N[d] += share * (f[3 + d] + swept[d]);
   }
 }
 
@@ -84,8 +86,8 @@ static void lift_columns(const Tables *t, const Tangent *w, Int node, Column *to
     }
 }
 
-/* Column j of M, C and K by what a node needs for its mass. */
-static void added_column(const Tables *t, Tangent *w, Int k, Int j, const Column *columns) {
+/* Column j of M, C and K by what a node needs for a share of its mass. */
+static void added_column(const Tables *t, Tangent *w, Int k, Int j, double share, const Column *columns) {
   const double *M = t->added_inertia + 36 * k;
   const Frozen *n = w->frozen + t->added_node[k];
   const Column *c = columns + j;
@@ -99,16 +101,16 @@ static void added_column(const Tables *t, Tangent *w, Int k, Int j, const Column
   add_swing(M, n, c->Y, by_q);
   for (Int i = 0; i < t->nv; i++) {
     const double *S = columns[i].S;
-    w->M[i * t->nv + j] += times(S, by_a, 6);
-    w->C[i * t->nv + j] += times(S, by_v, 6);
-    w->K[i * t->nv + j] += times(S, by_q, 6);
+    w->M[i * t->nv + j] += share * times(S, by_a, 6);
+    w->C[i * t->nv + j] += share * times(S, by_v, 6);
+    w->K[i * t->nv + j] += share * times(S, by_q, 6);
   }
 }
 
-void added_tangent(const Tables *t, Tangent *w) {
+void added_tangent(const Tables *t, Tangent *w, const Lane *scale) {
   Column *columns = (Column *)w->lifted;
   for (Int k = 0; k < t->added; k++) {
     lift_columns(t, w, t->added_node[k], columns);
-    for (Int j = 0; j < t->nv; j++) added_column(t, w, k, j, columns);
+    for (Int j = 0; j < t->nv; j++) added_column(t, w, k, j, added_share(t, k, scale)[0], columns);
   }
 }

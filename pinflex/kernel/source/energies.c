@@ -55,14 +55,16 @@ static Lane of_twists(const Tables *t, Work *w) {
   return kinetic;
 }
 
-static Lane of_added(const Tables *t, Work *w) {
+static Lane of_added(const Tables *t, Work *w, const Lane *scale) {
   Lane kinetic = lane(0);
   for (Int k = 0; k < t->added; k++) {
     const Node *n = node_at(w, t->added_node[k]);
+    Lane own = lane(0);
     for (int d = 0; d < 6; d++)
       for (int e = 0; e < 6; e++)
-        kinetic += 0.5 * t->added_inertia[36 * k + 6 * d + e] * (d < 3 ? n->v[d] : n->w[d - 3])
-                   * (e < 3 ? n->v[e] : n->w[e - 3]);
+        own += 0.5 * t->added_inertia[36 * k + 6 * d + e] * (d < 3 ? n->v[d] : n->w[d - 3])
+               * (e < 3 ? n->v[e] : n->w[e - 3]);
+    kinetic += added_share(t, k, scale) * own;
   }
   return kinetic;
 }
@@ -77,8 +79,7 @@ static Lane sprung(const Tables *t, Work *w, const Lane *y, const Lane *scale) {
   return energy;
 }
 
-/* Energies of `count` states, kinetic, gravity, elastic and spring: (4, count). Of the scales of
-   loads (count, forces) those of forces without potential are 0. */
+/* Energies of `count` states, kinetic, gravity, elastic and spring: (4, count). */
 EXPORT void pinflex_energies(const Tables *t, char *memory, Int count, const double *Y,
                              const double *V, const double *scale, double *out) {
   Work w;
@@ -94,7 +95,7 @@ EXPORT void pinflex_energies(const Tables *t, char *memory, Int count, const dou
     expand(t, &w, g.y, g.v, g.a);
     outward(t, &w, 1);
     expand(t, &w, g.y, g.v, g.a); /* the way outward leaves forces in V */
-    kinetic = of_twists(t, &w) + of_added(t, &w);
+    kinetic = of_twists(t, &w) + of_added(t, &w, g.scale);
     for (Int i = 0; i < t->nV; i++) kinetic += 0.5 * t->armature[i] * w.V[i] * w.V[i];
     nodes(t, &w, &kinetic, &gravity);
     points(t, &w, &kinetic, &gravity);

@@ -58,10 +58,10 @@ typedef struct {
   const Int *couple_row;                                 /* [couplings] couplings of joints */
   const Int *couple_at;                                  /* [couplings+1] */
   const Int *couple_q, *couple_v;                        /* [*couple_at] */
-  const Int *added_node;                                 /* [added] */
+  const Int *added_node, *added_force;                   /* [added] the load in whose share it counts, or -1 */
   const Int *bent_first, *bent_n, *bent_directions;      /* [bent] strain.c */
   const Int *bent_at, *bent_point;                       /* [bent+1] */
-  const Int *force_node, *force_follows;                 /* [forces] loads */
+  const Int *force_node, *force_follows, *force_works;   /* [forces] loads; works: without a potential */
   const Int *spring_a, *spring_b;                        /* [springs] springs between frames */
   const Int *joint_spring_v, *joint_spring_q, *joint_spring_paired; /* [joint_springs] */
   const Int *rub_v;                                      /* [rubs] joints with dry friction */
@@ -190,7 +190,10 @@ Lane touch_power(const Tables *t, Work *w, int stored);
 void touch_places(const Tables *t, Work *w, Int lanes, double *x);
 
 /* added_mass.c: of nodes whose motion is known */
-void add_masses(const Tables *t, Work *w);
+void add_masses(const Tables *t, Work *w, const Lane *scale);
+static inline Lane added_share(const Tables *t, Int k, const Lane *scale) {
+  return t->added_force[k] < 0 ? lane(1.0) : scale[t->added_force[k]];
+}
 
 /* strain.c: what links resist, and their energy, J */
 void add_strain(const Tables *t, const Lane *eta, Lane *r);

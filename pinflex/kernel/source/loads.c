@@ -96,7 +96,7 @@ Lane damper_power(const Tables *t, Work *w) {
 Lane load_energy(const Tables *t, Work *w, const Lane *scale) {
   Lane d[3], rate, energy = lane(0), p[3], v[3];
   for (Int k = 0; k < t->forces; k++) {
-    if (t->force_follows[k]) continue;
+    if (t->force_works[k]) continue;
     point_of(t, node_at(w, t->force_node[k]), t->force_place + 3 * k, p, v);
     for (int i = 0; i < 3; i++) energy -= scale[k] * t->force_load[6 * k + i] * p[i];
   }

@@ -39,7 +39,7 @@ void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
 
 void balance(const Tables *t, Work *w, int placed, const Lane *lam, const Lane *scale, Lane *c) {
   outward(t, w, placed);
-  add_masses(t, w);
+  add_masses(t, w, scale);
   close_loops(t, w, lam, c);
   apply_loads(t, w, scale);
   inward(t, w);

@@ -320,7 +320,7 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
     sleeve_tangent(t, lanes, &w, lam, 0, J);
     return;
   }
-  added_tangent(t, &w);
+  added_tangent(t, &w, scale);
   add_stiffness(t, lanes, &w);
   curvature_tangent(t, y + t->nq_rigid, w.lifted, K + t->nv_rigid * (t->nv + 1));
   close_tangent(t, &w, lam, K, J);

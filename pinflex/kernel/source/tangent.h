@@ -76,7 +76,7 @@ void clear(const Tables *t, const Path *w, double *M); /* what these put */
 void point_tangent(const Tables *t, const Work *lanes, Tangent *w);
 
 /* added_mass.c, strain.c */
-void added_tangent(const Tables *t, Tangent *w);
+void added_tangent(const Tables *t, Tangent *w, const Lane *scale);
 void curvature_tangent(const Tables *t, const Lane *eta, double *u, double *K);
 
 /* couplings.c */

@@ -155,8 +155,7 @@ class Compiled:
 
     def energies(self, Y: Array, V: Array, t: Array) -> Energies:
         """Energies of several states, J."""
-        conserved = [force.potential for force in self._forces]
-        return Energies(*self.evaluator.energies(Y, V, self.scale(t) * conserved))
+        return Energies(*self.evaluator.energies(Y, V, self.scale(t)))
 
     def joint_forces(
         self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]

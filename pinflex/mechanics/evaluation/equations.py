@@ -352,12 +352,12 @@ class Equations:
 
     # Matrices, at one state ------------------------------------------------------------------
 
-    def mass(self, y: Array) -> Array:
-        """M = X' crba(Q) X, shape (nv, nv)."""
+    def mass(self, y: Array, t: float = 0.0) -> Array:
+        """M = X' crba(Q) X, shape (nv, nv), with what is carried at a time t (s)."""
         if self.compiled is not None:
             still, lam = np.zeros(self.system.nv), np.zeros(self.system.closed.n)
-            return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
-        return self.reference.mass(y)
+            return self.compiled.tangent(y, still, still, lam, t, False)[0]
+        return self.reference.mass(y, t)
 
     def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
         """Derivatives by y, v and a, and the closure Jacobian."""

@@ -160,7 +160,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (FrameForce, "name frame force moment follower start until ramp"),
         (FrameSpring, "name frame_a frame_b stiffness damper length at tension_only table"),
         (Kinks, "rows energy"),
-        (AddedMasses, "joints inertia"),
+        (AddedMasses, "joints inertia clocks"),
         # Gears that give way are joints and rows of the map like those of links.
         (Expansion, "model q_at v_at blocks frames slots n_eta drives carried"),
         (ElasticDrive, "joint eta row"),
@@ -302,7 +302,12 @@ def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
     if len(closed.coupled.rows):
         found |= _couplings(closed.coupled, system.expansion.model)
     if added.joints:
-        found |= {"added_node": node_of[list(added.joints)], "added_inertia": added.inertia}
+        forces, clocks = [force for force, _ in loads.forces], added.clocks
+        of = (forces.index(clocks[k]) if k in clocks else -1 for k in range(len(added.joints)))
+        found |= {
+            "added_node": node_of[list(added.joints)], "added_inertia": added.inertia,
+            "added_force": [*of],
+        }  # fmt: skip
     if loads.present:
         found |= _loads(loads, node_of)
     if len(system.springs.v_at):
@@ -548,6 +553,7 @@ def _loads(loads: Loads, node_of: IntArray) -> dict[str, Any]:
     return {
         "force_node": [node_of[place.joint] for _, place in loads.forces],
         "force_follows": [force.follower for force, _ in loads.forces],
+        "force_works": [not force.potential for force, _ in loads.forces],
         "force_place": [place.placement.translation for _, place in loads.forces],
         "force_load": turned,
         "spring_a": [node_of[a.joint] for _, a, _ in loads.springs],

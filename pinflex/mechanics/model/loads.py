@@ -5,7 +5,7 @@ Present only where a scene has them. A load is a world wrench W on a body; the r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,12 +15,12 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.external import WORLD
-from pinflex.errors import AssemblyError
+from pinflex.errors import AssemblyError, DescriptionError
 from pinflex.text import brief
 
 if TYPE_CHECKING:
     from pinflex.bodies.basis import FlexibleBody
-    from pinflex.description.blocks.external import AddedMass, FrameForce, FrameSpring
+    from pinflex.description.blocks.external import FrameForce, FrameSpring
     from pinflex.description.blocks.joints import Friction
     from pinflex.description.description import Description
     from pinflex.mechanics.kinks import Kinks
@@ -256,14 +256,17 @@ class Loads:
         """Whether a load starts, ends or ramps in time."""
         return any(f.timed for f, _ in self.forces)
 
-    def spread(self, h: float) -> Loads:
-        """Loads that switch, as methods of second order feel them in equal steps of h [s].
+    def spread(self, h: float, apart: Collection[FrameForce] = ()) -> Loads:
+        """Loads that switch but those `apart`, as methods of second order feel steps of h [s].
 
         Between steps a switch would act up to half a step early or late. As a ramp of a step's
         length with the same middle it acts where it is, but for those in the first step.
         """
         found: list[tuple[FrameForce, Attachment]] = []
         for force, at in self.forces:
+            if force in apart:
+                found.append((force, at))
+                continue
             end, full = force.until, force.start + force.ramp
             if end is not None and end >= max(force.start, h):
                 share = 1.0 if end >= full else (end - force.start) / force.ramp
@@ -284,12 +287,17 @@ def _times(load: FrameForce, factor: float, start: float, ramp: float) -> FrameF
     return replace(load, force=force, moment=moment, start=start, ramp=ramp, until=None)
 
 
-def loads(
-    forces: Sequence[FrameForce], springs: Sequence[FrameSpring], frames: Mapping[str, Attachment]
-) -> Loads:
-    """Place the described loads and springs on a model."""
+def loads(description: Description, frames: Mapping[str, Attachment]) -> Loads:
+    """Place the described loads and springs on a model, and the weight of what comes and goes."""
+    forces = [(f, frames[f.frame]) for f in description.forces]
+    body = description.payload
+    if body is not None and body.timed:
+        at = frames[body.frame]
+        centre = at.placement * pin.SE3(np.eye(3), np.array(body.centre))
+        forces.append((body.weight(description.gravity), Attachment(at.joint, centre)))
+    springs = description.springs
     return Loads(
-        tuple((f, frames[f.frame]) for f in forces),
+        tuple(forces),
         tuple((s, _end(s, s.frame_a, frames), _end(s, s.frame_b, frames)) for s in springs),
     )
 
@@ -338,28 +346,64 @@ def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> No
 
 @dataclass(frozen=True)
 class AddedMasses:
-    """Added inertias of one model.
+    """Added inertias of one model, and that of a payload which comes or goes.
 
     Attributes:
         joints: That carry them. inertia: Of each, about the joint's origin in its axes, shape
-            (joints, 6, 6).
+            (joints, 6, 6). clocks: Loads in whose shares some of them count, by number.
     """
 
     __repr__ = brief
 
     joints: tuple[int, ...] = ()
     inertia: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    clocks: Mapping[int, FrameForce] = field(default_factory=dict)
+
+    @property
+    def instants(self) -> tuple[float, ...]:
+        """Times at which masses come or go [s]."""
+        times = {t for clock in self.clocks.values() for t in clock.corners}
+        return tuple(sorted(t for t in times if t > 0.0))
+
+    def at(self, t: float) -> list[tuple[int, Array]]:
+        """Joints and inertias that count at a time t [s]."""
+        shares = dict.fromkeys(range(len(self.joints)), 1.0)
+        shares |= {k: clock.scale(t) for k, clock in self.clocks.items()}
+        return [(self.joints[k], x * self.inertia[k]) for k, x in shares.items() if x]
 
 
-def added_masses(given: Sequence[AddedMass], frames: Mapping[str, Attachment]) -> AddedMasses:
-    """Place the described masses on a model."""
+def added_masses(description: Description, frames: Mapping[str, Attachment]) -> AddedMasses:
+    """Place the described masses, and a payload that comes or goes, on a model."""
     found: dict[int, Array] = {}
-    for one in given:
+    for one in description.added_masses:
         at = frames[one.frame]
-        back = at.placement.toActionMatrixInverse()
-        own = back.T @ np.diag([*one.mass, *one.inertia]) @ back
+        own = _about_joint(np.diag([*one.mass, *one.inertia]), at)
         found[at.joint] = found.get(at.joint, np.zeros((6, 6))) + own
-    return AddedMasses(tuple(found), np.array([*found.values()]).reshape(-1, 6, 6))
+    joints, inertia = [*found], [*found.values()]
+    clocks: dict[int, FrameForce] = {}
+    body = description.payload
+    if body is not None and body.timed and (at := frames[body.frame]).joint:
+        clocks[len(joints)] = body.weight(description.gravity)
+        joints.append(at.joint)
+        inertia.append(_about_joint(body.spatial, at))
+    return AddedMasses(tuple(joints), np.array(inertia).reshape(-1, 6, 6), clocks)
+
+
+def require_staying(description: Description, what: str, then: str = "Leave out both.") -> None:
+    """Refuse a payload that comes or goes where masses are those of the whole run.
+
+    Raises:
+        DescriptionError: With what to do.
+    """
+    if description.payload is not None and description.payload.timed:
+        where = f"{description.name}: {what}: payload"
+        raise DescriptionError(f"{where}: from, until: here a payload stays. {then}")
+
+
+def _about_joint(M: Array, at: Attachment) -> Array:
+    """Spatial inertia (6, 6) of a frame, about the origin of its joint."""
+    back = at.placement.toActionMatrixInverse()
+    return np.asarray(back.T @ M @ back)
 
 
 # Dry friction of joints, smooth in their speed, on Pinocchio's rows.

@@ -354,6 +354,14 @@ def _loads(
         for values in (added.mass, added.inertia):
             tensor = pose.rotation @ np.diag(values) @ pose.rotation.T
             yield _Acting(f"added mass {added.name}", places, inertia=tensor)
+    body = description.payload
+    if body is not None and body.timed:  # else a link; its weight is gravity's
+        pose = at(body.frame)
+        tensor, places = (
+            pose.rotation @ body.tensor @ pose.rotation.T,
+            (pose.act(np.array(body.centre)),),
+        )
+        yield _Acting("the payload", places if body.mass else (), inertia=tensor, mass=body.mass)
     for loop in description.loops:
         tied = [at(frame).translation for frame in (loop.frame_a, loop.frame_b) if frame in index]
         yield _Acting(f"loop {loop.name}", tuple(tied))

@@ -250,7 +250,8 @@ def _load_cases(
         there, here = (frame_pose(look.dynamics, look.y, place).translation for place in ends)
         far, near = (look.jacobian(place)[:3] for place in ends)
         yield f"pull of spring {spring.name}", (here - there) @ (far - near), ""
-    M, J = look.dynamics.mass(look.y)[:, :n], look.J[:, :n]
+    carried = 0.0 if description.payload is None else description.payload.start
+    M, J = look.dynamics.mass(look.y, carried)[:, :n], look.J[:, :n]
     unit = np.eye(n)[system.motors]
     each = _follow(J, unit, np.eye(len(unit)))
     for k in range(len(unit)):

@@ -98,8 +98,13 @@ class System:
         return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
 
     def in_steps(self, h: float) -> System:
-        """The system as equal steps of h [s] feel it: loads that switch are spread over one."""
-        return replace(self, loads=self.loads.spread(h)) if self.loads.timed else self
+        """The system as equal steps of h [s] feel it: loads that switch are spread over one.
+
+        Not a payload's: where a mass comes or goes steps begin anew.
+        """
+        if not self.loads.timed:
+            return self
+        return replace(self, loads=self.loads.spread(h, apart=self.added.clocks.values()))
 
     def weighed(self, rigid: pin.Model, expansion: Expansion, K: Array, D: Array) -> System:
         """The system with other masses, stiffness and damping on the same joints.

@@ -80,7 +80,7 @@ def model_of(description: Description) -> pin.Model:
             "Check it with a URDF checker; the names of links and joints must be unique."
         ) from error
     model.gravity.linear = np.array(description.gravity, float)
-    if description.payload is not None:
+    if description.payload is not None and not description.payload.timed:
         _carry(model, description.payload)
     return model
 

@@ -313,7 +313,8 @@ class Reference:
         """X' (rnea - J_F' F), what varies with pose and speed together, shape (n, nv)."""
         here, model, data = self.map.at(Y, V, A), self.model, self.placing.data
         if self.system.added.joints:
-            forces = [self._rnea(*state, {}) for state in _states(here)]
+            each = zip(_states(here), t, strict=True)
+            forces = [self._rnea(*state, {}, float(at)) for state, at in each]
         else:
             forces = [pin.rnea(model, data, *state) for state in _states(here)]
         g = np.array(forces).reshape(here.V.shape)
@@ -337,22 +338,22 @@ class Reference:
         for k in s.of_coordinates:
             yield s.rows[k].v, s.pull(k, s.position(k, Y), V[:, s.rows[k].v])
 
-    def _rnea(self, q: Array, v: Array, a: Array, acting: Mapping[int, Array]) -> Array:
+    def _rnea(self, q: Array, v: Array, a: Array, acting: Mapping[int, Array], t: float) -> Array:
         """Pinocchio's, with added masses and wrenches (6,) that act in joints' frames, (nV,)."""
         model, data, push = self.model, self.placing.data, dict(acting)
-        for joint, wrench in self._added(q, v, a):
+        for joint, wrench in self._added(q, v, a, t):
             push[joint] = push.get(joint, np.zeros(6)) - wrench
         outside = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         for joint, wrench in push.items():
             outside[joint] = pin.Force(wrench)
         return np.array(pin.rnea(model, data, q, v, a, outside))
 
-    def _added(self, q: Array, v: Array, a: Array) -> Iterator[tuple[int, Array]]:
+    def _added(self, q: Array, v: Array, a: Array, t: float) -> Iterator[tuple[int, Array]]:
         """M a + v x* (M v) of added masses, in the frames of their joints, (6,)."""
-        added, data = self.system.added, self.placing.data
-        if added.joints:
+        added, data = self.system.added.at(t), self.placing.data
+        if added:
             pin.forwardKinematics(self.model, data, q, v, a)
-        for joint, M in zip(added.joints, added.inertia, strict=True):
+        for joint, M in added:
             speed = data.v[joint]
             turning = speed.cross(pin.Force(M @ speed.vector)).vector
             yield joint, M @ data.a[joint].vector + turning
@@ -414,18 +415,18 @@ class Reference:
 
     # Derivatives -----------------------------------------------------------------------------
 
-    def mass(self, y: Array) -> Array:
-        """M = X' crba(Q) X, shape (nv, nv), at y (nq,)."""
+    def mass(self, y: Array, t: float) -> Array:
+        """M = X' crba(Q) X, shape (nv, nv), at y (nq,) and a time t (s)."""
         here = self.map.at(y[None])
-        M = self._expanded_mass(here.Q[0])
+        M = self._expanded_mass(here.Q[0], t)
         return M if here.X is None else here.X[0].T @ M @ here.X[0]
 
-    def _expanded_mass(self, q: Array) -> Array:
+    def _expanded_mass(self, q: Array, t: float) -> Array:
         """Pinocchio's crba with added masses, shape (nV, nV)."""
-        M, added = np.array(pin.crba(self.model, self.placing.data, q)), self.system.added
-        if added.joints:
+        M, added = np.array(pin.crba(self.model, self.placing.data, q)), self.system.added.at(t)
+        if added:
             poses, J = (x[0] for x in self.placing.jacobians(q[None]))
-        for joint, inertia in zip(added.joints, added.inertia, strict=True):
+        for joint, inertia in added:
             own = _place(poses[joint]).toActionMatrixInverse() @ (J * support(self.model, joint))
             M += own.T @ inertia @ own
         return M
@@ -445,7 +446,7 @@ class Reference:
         step = np.full(nv, most) if X is None else most / np.abs(X[0]).max(axis=0)
         for k, e in enumerate(np.eye(nv)):
             both = self._moving(
-                np.tile(y, (2, 1)), v + np.outer([1.0, -1.0], e), np.tile(a, (2, 1)), fixed
+                np.tile(y, (2, 1)), v + np.outer([1.0, -1.0], e), np.tile(a, (2, 1)), fixed[:2]
             )
             C[:, k] += _slope(both, np.array([0.5, -0.5]), 1.0)
             Y = np.array([s.integrate(y, h * e) for h in step[k] * _POINTS])
@@ -454,7 +455,7 @@ class Reference:
                 - lam @ self.close(Y).J
             )
             K[:, k] += _slope(r, _WEIGHTS / 12.0, step[k])
-        return Tangent(self.mass(y), C, K, self.close(y[None]).J[0])
+        return Tangent(self.mass(y, t), C, K, self.close(y[None]).J[0])
 
     # Motions, forces, energies ---------------------------------------------------------------
 
@@ -496,7 +497,7 @@ class Reference:
             local = {
                 j: _place(poses[k, j]).actInv(pin.Force(w)).vector for j, w in acting[k].items()
             }
-            g[k] = self._rnea(*state, local)
+            g[k] = self._rnea(*state, local, float(t[k]))
             for i, joint in enumerate(joints):
                 f[k, i] = self.placing.data.f[joint].vector
             places = closures.sleeves_at(on, poses[k], Y[k, self._q :])
@@ -512,7 +513,8 @@ class Reference:
     def energies(self, Y: Array, V: Array, t: Array) -> Energies:
         """Kinetic energy, and potentials of weight, links, and of springs and loads, J, (n,)."""
         here, s = self.map.at(Y, V), self.system.springs
-        kinetic = [0.5 * v @ self._expanded_mass(q) @ v for q, v, _ in _states(here)]
+        each = zip(_states(here), t, strict=True)
+        kinetic = [0.5 * v @ self._expanded_mass(q, float(at)) @ v for (q, v, _), at in each]
         weight = [pin.computePotentialEnergy(self.model, self.placing.data, q) for q in here.Q]
         spring = 0.5 * (s.angles(Y) - s.rest) ** 2 @ s.stiffness
         for k, load in self._loads(here.Q):

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.trajectories.profiles import double_s
+from pinflex.levels.ringing import Ringing
 from pinflex.quickest.baselines import baselines
 from pinflex.quickest.limits import (
     Profile,
@@ -111,8 +112,12 @@ def test_one_input_leaves_five_springs_still(two, drive, most, n, close):
             assert force < 1.0 + 3e-3  # what a search lets a run be over, of 1 % that are asked
 
 
-def test_the_exact_command_beside_it_is_that_of_two_masses(two):
-    """The load follows a nonic s: the cart is at s + s'', pushed by its and the load's inertia."""
+def test_the_exact_command_beside_it_is_that_of_two_masses(two, monkeypatch):
+    """The load follows a nonic s: the cart is at s + s'', pushed by its and the load's inertia.
+
+    And shapers beside it take as many modes as a motion excites: on a 3-RRR a trapezoid with EI of
+    three of them is still 2 % sooner than of two.
+    """
     found = pf.fastest(two, {"drive": 1.0}, settle=1e-2, intervals=24, close=1e-2)
     (row,) = baselines(found, profiles=("exact command, nonic",))
     nonic = Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
@@ -129,6 +134,11 @@ def test_the_exact_command_beside_it_is_that_of_two_masses(two):
     assert load == pytest.approx(rates[0](np.clip(t / T, 0.0, 1.0)), abs=5e-4)
     assert row.residual < 1e-5  # the command is right to 1e-6, the run to 1e-4 of what it shakes
     assert 0.9 * T < row.ends < 1.02 * T  # it ends where the cart is as slow as a thousandth
+    three = Ringing(np.arange(3), np.arange(1.0, 4.0), *np.ones((2, 3)), np.zeros(3), np.ones(3))
+    monkeypatch.setattr("pinflex.quickest.baselines.ringing", lambda *_: three)
+    monkeypatch.setattr("pinflex.quickest.baselines._row", lambda name, *_: replace(row, name=name))
+    names = [row.name for row in baselines(found, profiles=("quintic",), shapers=("", "zvd"))]
+    assert names == ["quintic", *(f"quintic + ZVD of {n}" for n in (1, 2, 3))]
 
 
 SKEW = TWO.replace('<joint name="spring" type="prismatic"><parent link="cart"/><child link="load"/>'
@@ -397,6 +407,28 @@ def test_the_rigid_least_time_keeps_a_motors_curve(tmp_path):
     half = brentq(lambda t: 2.0 * (w * t - w / k * (1.0 - np.exp(-k * t))) - 1.0, 0.0, 9.0)
     # forty intervals of linear force: second order, and a last step gains 1e-5
     assert found.duration == pytest.approx(2.0 * half, rel=1e-3)
+
+
+@pytest.mark.parametrize("shaper", [None, "zv"])
+def test_a_retimed_path_keeps_a_motors_curve(shaper, tmp_path, capsys):
+    """|m a| <= F0 (1 - |v|/w) at every instant, reached at one, of the URDF's two masses."""
+    (tmp_path / "two.urdf").write_text(TWO.replace('effort="1" velocity="100"', NONE))
+    drive = "{drive: {drive: {gear: 10, limit_curve: [[0, 0.5], [12, 0]]}}, spring: {spring: 1}}"
+    (tmp_path / "two.yaml").write_text(YAML.replace("{spring: {spring: 1}}", drive))
+    two = pf.load(tmp_path / "two.yaml")
+    made = pf.retime(two, pf.quintic(joints={"drive": 1.0}, duration=9.0), shaper=shaper)
+    _, v, a = made.motion.evaluate(np.linspace(0.0, made.motion.duration, 20001))
+    left = 5.0 * (1.0 - np.abs(v) / 1.2) - 2.0 * np.abs(a)
+    # found on 600 instants: a parabola of them is right to 1e-6 of the force; a shaper takes less
+    assert -1e-5 < left.min() < (1e-5 if shaper is None else 5.0)
+    assert shaper or made.held_by == "limit_curve of drive"
+    ((name, share),) = made.shares["limit_curve"].items()
+    assert name == "drive" and share == pytest.approx(1.0 - left.min() / 5.0, abs=1e-5)
+    asked = ["move", "plan.csv", "--robot", str(tmp_path / "two.yaml")]
+    pf.quintic(joints={"drive": 1.0}, duration=9.0).to_csv(tmp_path / "plan.csv", 100, two)
+    asked[1] = str(tmp_path / "plan.csv")
+    assert main(asked) == 0
+    assert re.search(r"limit_curve of drive +100\.\d\n", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("points", [

@@ -8,7 +8,7 @@ or jerk grows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -30,9 +30,12 @@ from pinflex.levels.rigid import multipliers
 from pinflex.levels.ringing import ringing
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
+from pinflex.mechanics.model.loads import require_staying
+from pinflex.quickest.curves import Curve, curves_of
 from pinflex.report import card, grid
 
 QUANTITIES = tuple(field.name for field in fields(MotorLimits))
+_CURVE = "limit_curve"  # of a drive: a limit that no number replaces
 _POWER = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _INSTANTS = 600  # at which a motion is looked at, beside those just before and behind its corners
 _BESIDE = 1e-7  # of the duration: how far from a corner
@@ -86,7 +89,8 @@ def retime(
 ) -> Retimed:
     """The same path in the least time under limits that one factor on its time allows.
 
-    Faster or slower than given, all motors in step. Torques are those of the rigid mechanism.
+    Faster or slower than given, all motors in step. Torques are those of the rigid mechanism; the
+    `limit_curve` of a drive is kept as well.
 
     Args:
         robot: Mechanism whose motors move.
@@ -103,8 +107,9 @@ def retime(
             cannot hold.
     """
     motion = path if isinstance(path, Motion) else trajectory(path)
+    require_staying(robot.description, "retime")
     seen = _Seen(robot, motion)
-    known = _limits(robot, limits)
+    known = _limits(robot, limits, seen.curves)
     factor, held_by = _least(seen, known)
     asked = None if shaper is None else read(shaper, "retime: shaper")
     found = slowed(motion, factor)
@@ -113,7 +118,8 @@ def retime(
     for _ in range(_TRIES):
         made = _shaped(robot, found, asked)
         shares = _Seen(robot, made).shares(1.0, known)
-        worst = max(shares.get("effort", {}).values(), default=0.0)
+        torques = [*shares.get("effort", {}).values(), *shares.get(_CURVE, {}).values()]
+        worst = max(torques, default=0.0)
         if worst <= 1.0 + _KEPT:
             away = _distance(seen, _Seen(robot, made))
             return Retimed(made, factor, held_by, shares, away)
@@ -126,7 +132,7 @@ class _Seen:
     """A motion of the motors at its instants, and its rigid torques at any factor on its time."""
 
     def __init__(self, robot: Mechanism, motion: Motion) -> None:
-        self.robot, self.motion = robot, motion
+        self.robot, self.motion, self.curves = robot, motion, curves_of(robot)
         self.t, self.sides = _instants(motion)
         path, axes = nominal(robot, motion, self.t), motor_axes(robot)
         self.path = path
@@ -167,6 +173,12 @@ class _Seen:
             found[at] = multipliers(self.robot, dynamics.close(q).J, r)[1]
         return found
 
+    def on_curves(self, torque: Array, factor: float) -> Array:
+        """Shares of limit curves, 1 on them, of torques (nt, nm), shape (nt, curves)."""
+        v, a = self.velocity / factor, self.acceleration / factor**2
+        shares = [curve.used(torque, v, a) for curve in self.curves]
+        return np.array(shares).reshape(-1, len(torque)).T
+
     def largest(self, quantity: str, factor: float) -> Array:
         """Largest value of each motor (nm,)."""
         if quantity == "effort":
@@ -179,6 +191,10 @@ class _Seen:
         """Largest value over limit, by quantity and motor."""
         found: dict[str, Any] = {}
         for quantity, limit in known.items():
+            if quantity == _CURVE:
+                used = _peaks(self.on_curves(self.torque(factor), factor), self.t)
+                found[_CURVE] = dict(zip(limit, used.tolist(), strict=True))
+                continue
             values = dict(zip(self.robot.motors, self.largest(quantity, factor), strict=True))
             found[quantity] = {name: float(values[name] / most) for name, most in limit.items()}
         return found
@@ -196,8 +212,8 @@ def _instants(motion: Motion) -> tuple[Array, IntArray]:
     return t, np.searchsorted(t, inner - gap)
 
 
-def _limits(robot: Mechanism, given: Any) -> dict[str, dict[str, float]]:
-    """Limits of motors by quantity: those given over those of the URDF."""
+def _limits(robot: Mechanism, given: Any, curves: Sequence[Curve]) -> dict[str, dict[str, float]]:
+    """Limits of motors by quantity: those given over those of the URDF; curves count as 1."""
     own = {name: dict(getattr(robot.limits, name)) for name in QUANTITIES}
     if isinstance(given, MotorLimits):
         given = {name: getattr(given, name) for name in QUANTITIES}
@@ -213,6 +229,7 @@ def _limits(robot: Mechanism, given: Any) -> dict[str, dict[str, float]]:
                 raise DescriptionError(f"retime: limits.{quantity}.{name}: no motor.{known}")
         more = {} if value is None else by_name(value, names, "retime: limits", quantity)
         own[quantity] = own[quantity] | more if isinstance(value, Mapping) else more
+    own[_CURVE] = {curve.name: 1.0 for curve in curves}
     found = {quantity: limit for quantity, limit in own.items() if limit}
     if not found:
         raise DescriptionError(
@@ -234,32 +251,39 @@ def _least(seen: _Seen, known: Mapping[str, Mapping[str, float]]) -> tuple[float
             factor, held_by = share ** (1.0 / power), _largest(used)
     if not factor and max(np.abs(seen.velocity).max(axis=0), default=0.0) == 0.0:
         raise MotionError(f"{seen.robot.name}: retime: the motion moves nothing.")
-    if "effort" in known:
-        slower, name = _by_effort(seen, known["effort"], factor)
+    if known.keys() & {"effort", _CURVE}:
+        slower, name = _by_torque(seen, known, factor)
         if slower > factor:
-            factor, held_by = slower, f"effort of {name}"
+            factor, held_by = slower, name
     return factor, held_by
 
 
-def _by_effort(seen: _Seen, limit: Mapping[str, float], least: float) -> tuple[float, str]:
-    """The smallest factor from `least` on with torques in their limits, and the motor that binds.
+def _by_torque(
+    seen: _Seen, known: Mapping[str, Mapping[str, float]], least: float
+) -> tuple[float, str]:
+    """The smallest factor from `least` on with torques in their limits, and the limit that binds.
 
     With s = 1/k torques are t0 + t1 s + t2 s^2: what holds, what damps, what accelerates.
     """
+    limit = known.get("effort", {})
+    names = [f"{of} of {name}" for of in ("effort", _CURVE) for name in known.get(of, {})]
     columns = [seen.robot.motors.index(name) for name in limit]
     most = np.array([*limit.values()])
-    at = {k: seen.torque(k)[:, columns] / most for k in (1.0, 2.0, 4.0)}
+    at = {k: seen.torque(k) for k in (1.0, 2.0, 4.0)}
     powers = np.linalg.inv(np.vander([1.0, 0.5, 0.25], 3, increasing=True))
     terms = np.einsum("ij,jtm->itm", powers, np.stack([*at.values()]))
 
     def used(s: float) -> Array:
-        return _peaks(terms[0] + s * (terms[1] + s * terms[2]), seen.t)
+        torque = terms[0] + s * (terms[1] + s * terms[2])
+        curves = seen.on_curves(torque, 1.0 / s if s else np.inf)
+        return _peaks(np.hstack([torque[:, columns] / most, curves]), seen.t)
 
     held = used(0.0)
     if held.max() > 1.0:
-        name = [*limit][int(held.argmax())]
+        of, _, name = names[int(held.argmax())].partition(" of ")
+        of = of if of == _CURVE else f"{of} limit"
         raise MotionError(
-            f"{seen.robot.name}: retime: {name} needs {held.max():.3g} of its effort limit to hold "
+            f"{seen.robot.name}: retime: {name} needs {held.max():.3g} of its {of} to hold "
             "still on this path: no speed keeps it. Give another limit, path or payload."
         )
     fast = 1.0 / least if least else 1.0
@@ -275,8 +299,8 @@ def _by_effort(seen: _Seen, limit: Mapping[str, float], least: float) -> tuple[f
         middle = 0.5 * (low + high)
         low, high = (middle, high) if used(middle).max() <= 1.0 else (low, middle)
     if not low:
-        raise MotionError(f"{seen.robot.name}: retime: no speed keeps the effort limits.")
-    return 1.0 / float(low), [*limit][int(used(float(low)).argmax())]
+        raise MotionError(f"{seen.robot.name}: retime: no speed keeps the limits of torque.")
+    return 1.0 / float(low), names[int(used(float(low)).argmax())]
 
 
 def _largest(shares: Mapping[str, Mapping[str, float]]) -> str:
