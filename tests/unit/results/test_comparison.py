@@ -45,6 +45,9 @@ def test_the_comparison_holds_the_numbers_of_the_arrays(rigid, flexible):
         "distal_1",
         pytest.approx(0.5),
     )  # half a sine peaks at mid-span
+    link = flexible.link("distal_1")
+    assert stress.x == pytest.approx(link.length / 2) and stress.von_mises == peak(link.von_mises)
+    assert link.von_mises[list(flexible.t).index(stress.time)].max() == stress.von_mises
     assert stress.von_mises == peak(flexible.link("distal_1").von_mises)
     assert table.frequencies == (10.0, 20.0, 30.0, 40.0)
     assert [c.level for c in table.costs] == ["rigid", "coupled"]
