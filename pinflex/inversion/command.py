@@ -287,7 +287,8 @@ def command(
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
     held = tuple(coordinates or (motion.names if motion.target == "platform" else ()))
-    poles = internal_poles(mechanism, motion, held) if _asks(level, before, after) else None
+    looks = level == "exact" or before is None or after is None
+    poles = internal_poles(mechanism, motion, held) if looks else None
     ahead, behind = _rests(mechanism.name, poles, level, before, after)
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
@@ -344,11 +345,6 @@ def _require_numbers(
     for key, time in (("before", before), ("after", after)):
         if time is not None and not 0.0 <= time < np.inf:
             raise DescriptionError(f"{name}: command: {key} = {time!r}. Give seconds, 0 or more.")
-
-
-def _asks(level: str, before: float | None, after: float | None) -> bool:
-    """Whether a command asks what rest the internal dynamics need."""
-    return level == "exact" or before is None or after is None
 
 
 def _rests(

@@ -249,59 +249,6 @@ _ENOUGH = 1e-9  # m or rad: a smaller error is below what the differences resolv
 
 
 @dataclass(frozen=True)
-class Series:
-    """The passes of a quasistatic command.
-
-    Attributes:
-        found: The pass with the smallest error.
-        error: Bar on its platform coordinates [m | rad], shape (k,).
-        changes: Largest change of a motor position from pass to pass [m | rad].
-    """
-
-    found: Balanced
-    error: Array
-    changes: tuple[float, ...]
-
-
-def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
-    """The undeformed mechanism on the path, and its v and a."""
-    path, system = instant.target.path, instant.system
-    nt, n = len(path.t), path.v.shape[1]
-    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
-    v[:, :n], a[:, :n] = path.v, path.a
-    lam = np.zeros((nt, instant.rows))
-    torque = np.zeros((nt, len(system.motors)))
-    return Balanced(path.straight(system.n_eta), lam, torque), v, a
-
-
-def series(instant: Instant, kept: slice = slice(None)) -> Series:
-    """Balance along the path, again and again, until the platform's error grows."""
-    guess, v, a = rigid_guess(instant)
-    h = float(instant.target.t[1] - instant.target.t[0])
-    last = balanced(instant, guess, v, a)
-    forward, by_platform = Forward(instant, last), np.linalg.pinv(instant.target.gain[0])
-    best, smallest, changes = last, np.inf, list[float]()
-    bar = np.full(len(instant.target.names), np.inf)
-    for _ in range(_PASSES):
-        error = forward.platform_error(last, kept)
-        size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
-        if size < smallest:
-            best, bar = last, error
-        if not _ENOUGH < size < smallest:
-            break
-        smallest = size
-        v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
-        try:
-            following = balanced(instant, last, v, a)
-        except ConvergenceError:
-            break
-        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
-        changes.append(float(np.max(np.abs(moved))))
-        last = following
-    return Series(best, bar, tuple(changes))
-
-
-@dataclass(frozen=True)
 class Grid:
     """What is known on one grid, to begin with on a finer one.
 
@@ -349,6 +296,46 @@ class Answer:
     grid: Grid | None = None
 
 
+def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
+    """The undeformed mechanism on the path, and its v and a."""
+    path, system = instant.target.path, instant.system
+    nt, n = len(path.t), path.v.shape[1]
+    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
+    v[:, :n], a[:, :n] = path.v, path.a
+    lam = np.zeros((nt, instant.rows))
+    torque = np.zeros((nt, len(system.motors)))
+    return Balanced(path.straight(system.n_eta), lam, torque), v, a
+
+
+def series(instant: Instant, kept: slice = slice(None)) -> Answer:
+    """Balance along the path, again and again, until the platform's error grows: the best pass."""
+    guess, v, a = rigid_guess(instant)
+    h = float(instant.target.t[1] - instant.target.t[0])
+    last = balanced(instant, guess, v, a)
+    forward, by_platform = Forward(instant, last), np.linalg.pinv(instant.target.gain[0])
+    best, smallest, changes = last, np.inf, list[float]()
+    bar = np.full(len(instant.target.names), np.inf)
+    for _ in range(_PASSES):
+        error = forward.platform_error(last, kept)
+        size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
+        if size < smallest:
+            best, bar = last, error
+        if not _ENOUGH < size < smallest:
+            break
+        smallest = size
+        v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
+        try:
+            following = balanced(instant, last, v, a)
+        except ConvergenceError:
+            break
+        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
+        changes.append(float(np.max(np.abs(moved))))
+        last = following
+    apart = instant.axes.read(best.y) - instant.target.motors
+    missed = _at_platform(instant.target.gain[kept], apart[kept])
+    return Answer(best, bar, missed, changes=tuple(changes))
+
+
 def on_grid(
     instant: Instant, motion: Motion, level: str, kept: slice, coarser: Grid | None = None
 ) -> Answer:
@@ -358,15 +345,13 @@ def on_grid(
         reference, start = (coarser.carried(x, instant) for x in (coarser.slow, coarser.found))
         return _exact(instant, motion, reference, start, coarser.missed, kept)
     slow = series(instant, kept)
-    apart = instant.axes.read(slow.found.y) - wanted.motors
-    missed = _at_platform(wanted.gain[kept], apart[kept])
     if level == "quasistatic":
-        return Answer(slow.found, slow.error, missed, changes=slow.changes)
+        return slow
     if level == "rigid":
         law = delayed(motion, wanted.before)
         torque = solve_rigid(instant.mechanism, law, wanted.t).torque
-        return Answer(replace(rigid_guess(instant)[0], torque=torque), missed, missed)
-    return _exact(instant, motion, slow.found, slow.found, missed, kept)
+        return Answer(replace(rigid_guess(instant)[0], torque=torque), slow.missed, slow.missed)
+    return _exact(instant, motion, slow.found, slow.found, slow.missed, kept)
 
 
 def _exact(

@@ -19,7 +19,6 @@ from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.description.motions.trajectory import read as read_shaper
-from pinflex.description.motions.trajectory import shaped
 from pinflex.description.reading.schema import number
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
@@ -432,12 +431,9 @@ def _written(mechanism: Mechanism) -> Motion:
     asked = read_shaper(block.get("shaper"), where)
     if asked is None:
         return motion
-    if asked.frequencies:
-        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
-    from pinflex.levels.ringing import ringing  # which asks for modes
+    from pinflex.levels.ringing import shaped_as  # which asks for modes
 
-    found = ringing(mechanism, motion, asked.modes)
-    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+    return shaped_as(mechanism, motion, asked)
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:

@@ -25,6 +25,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.tree import joint_rows
 from pinflex.results.result import Result
 from pinflex.text import brief
 
@@ -385,14 +386,11 @@ def _sorted(
     links = list[tuple[str, Sequence[float | None]]]()
     frames = mechanism.flexible.expansion.frames
     for name, values in speeds:
-        parts = [x for x in (name, f"{name}.1", f"{name}.2") if model.existJointName(x)]
-        steps = [model.joints[model.getJointId(x)] for x in parts]
-        rows = [row for step in steps for row in range(step.idx_v, step.idx_v + step.nv)]
+        rows = joint_rows(model, name)
+        count = len(rows) or 3
         if rows:
-            count = len(rows)
             joints.append((name, rows, values))
         elif name in frames:
-            count = 3
             links.append((name, values))
         else:
             known = nearest(name, [*list(model.names)[1:], *frames])

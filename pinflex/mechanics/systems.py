@@ -100,9 +100,9 @@ def at_rest(system: System, description: Description, home: Array, names: Sequen
 # The home that a description gives: values of some coordinates of the rigid mechanism.
 
 
-def home_guess(description: Description, model: pin.Model) -> Array:
-    """q with the given values, shape (nq,); joints that are not named stand at zero."""
-    q = pin.neutral(model)
+def home_guess(description: Description, model: pin.Model) -> tuple[Array, IntArray]:
+    """q (nq,) with the given values, and their places; joints that are not named stand at zero."""
+    q, given = pin.neutral(model), list[int]()
     for name, value in description.home.items():
         if not model.existJointName(name):
             raise DescriptionError(
@@ -119,8 +119,9 @@ def home_guess(description: Description, model: pin.Model) -> Array:
                 "coordinates (a spherical joint takes a quaternion x, y, z, w)."
             )
         q[joint.idx_q : joint.idx_q + joint.nq] = values
+        given += range(joint.idx_q, joint.idx_q + joint.nq)
     _follow(q, description, model)
-    return np.asarray(pin.normalize(model, q))
+    return np.asarray(pin.normalize(model, q)), np.array(given, dtype=np.intp)
 
 
 def _follow(q: Array, description: Description, model: pin.Model) -> None:
@@ -139,13 +140,6 @@ def _follow(q: Array, description: Description, model: pin.Model) -> None:
         for one in description.couplings:
             led = 0.0 if one.leader is None else one.ratio * q[place[one.leader]]
             q[place[one.joint]] = led + one.offset
-
-
-def given(description: Description, model: pin.Model) -> IntArray:
-    """Places in q of the coordinates that `home` names."""
-    joints = [model.joints[model.getJointId(name)] for name in description.home]
-    places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
-    return np.array(places, dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -208,7 +202,7 @@ def rigid_system(
     """
     model = tree.model
     springs, dampers = joint_springs(description, model)
-    guess = home_guess(description, model)
+    guess, named = home_guess(description, model)
     ground, loops = _ground(description, tree, guess), description.loops
     every = _closures(description, loops, parts, tree, ground, Misfit())
     nv, coupled = int(model.nv), len(description.couplings)
@@ -227,7 +221,6 @@ def rigid_system(
     where = f"{description.name}: home"
     closed = Closed(guess, 0)
     if every.n:
-        named = given(description, model)
         closed = assemble(dynamics, guess, motors, where, limits, named, loops)
         every = closed.misfit.built_in(every)
         system = replace(system, closed=every)

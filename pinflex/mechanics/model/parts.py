@@ -71,12 +71,8 @@ def require_beam(spec: FlexibleLink, length: float, where: str, allow: Sequence[
 
 def require_size(links: Sequence[Link], urdf: str, allow: Sequence[str] = ()) -> None:
     """Raise where a robot of some kilograms reaches as far as a skyscraper is high."""
-    reach = 0.0
-    place: list[pin.SE3] = []
-    for link in links:
-        above = place[link.parent] if link.parent >= 0 else pin.SE3.Identity()
-        place.append(above * link.placement)
-        reach = max(reach, float(np.linalg.norm(place[-1].translation)))
+    places = [pose.translation for pose in tree.poses_of(links)]
+    reach = max((float(np.linalg.norm(place)) for place in places), default=0.0)
     mass = sum(float(link.inertia.mass) for link in links)
     if reach > FAR and 0 < mass < LIGHT * reach and "large" not in allow:
         raise DescriptionError(
