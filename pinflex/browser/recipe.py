@@ -244,6 +244,13 @@ class Image:
             kind = "i" if array.dtype.kind == "i" else "f"
             self.arrays.append((array.size, kind, values))
 
+    def keep(self, name: str, values: Any) -> int:
+        """An array that only the page reads; its number."""
+        array = np.asarray(values, dtype=float).ravel()
+        self.names[f"out/{name}"] = len(self.arrays)
+        self.arrays.append((array.size, "k", array))
+        return len(self.arrays) - 1
+
     def add_structure(self, structure: ctypes.Structure) -> int:
         """A structure whose arrays and structures are there already; its number."""
         address = ctypes.addressof(structure)
@@ -319,12 +326,7 @@ _GIVEN_MARCH = ("measured_at", "kind", "stop_at", "weight", "basis", "basis_0", 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A run for the page.
-
-    Attributes:
-        image: Arrays and structures. header: What page/march.js reads beside them.
-        values: Arrays that the header names, by number.
-    """
+    """A run for the page: arrays and structures, and what page/march.js reads beside them."""
 
     image: Image
     header: dict[str, Any]
@@ -419,8 +421,7 @@ def _laid_out(
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
     header["inputs"] = [image.add_structure(kernel._inputs[1]) for kernel in kernels]
-    kept = _Kept(image)
-    header["outputs"] = outputs(scene.mechanism, system, kept)
+    header["outputs"] = outputs(scene.mechanism, system, image.keep)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
     header["kicks"] = _kicks(radau.problem, np.array(header["jumps"][1:]), t)
     header["moving"] = _nominal_rates(scene, system)
@@ -430,14 +431,14 @@ def _laid_out(
         "free": [int(i) for i in radau.problem.free],
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
     }  # fmt: skip
-    header["folded"] = _fold(image, march._table, kept, len(system.motors))
+    header["folded"] = _fold(image, march._table, len(system.motors))
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
     header |= {"part": PART, "static": scene.start.kind == "static", "slow": SLOW}
     header["names"] = dict(image.names)
     return Recipe(image, header)
 
 
-def _fold(image: Image, table: Table | None, kept: _Kept, motors: int) -> dict[str, Any] | None:
+def _fold(image: Image, table: Table | None, motors: int) -> dict[str, Any] | None:
     """Leave the table out of the image, which has it at every march; what it is made again of."""
     found = None if table is None else _folded(table, motors)
     if found is None:
@@ -446,21 +447,8 @@ def _fold(image: Image, table: Table | None, kept: _Kept, motors: int) -> dict[s
     for k in at:
         n, kind, _ = image.arrays[k]
         image.arrays[k] = n, kind, np.zeros(0)
-    numbers = {name: kept(f"folded/{name}", x) for name, x in found.items()}
+    numbers = {name: image.keep(f"folded/{name}", x) for name, x in found.items()}
     return {"values": at, "motors": motors, **numbers}
-
-
-class _Kept:
-    """Takes arrays that only the page reads."""
-
-    def __init__(self, image: Image) -> None:
-        self._image = image
-
-    def __call__(self, name: str, values: Any) -> int:
-        array = np.asarray(values, dtype=float).ravel()
-        self._image.names[f"out/{name}"] = len(self._image.arrays)
-        self._image.arrays.append((array.size, "k", array))
-        return len(self._image.arrays) - 1
 
 
 def tables_of(mechanism: Mechanism) -> dict[str, Array]:
@@ -471,7 +459,7 @@ def tables_of(mechanism: Mechanism) -> dict[str, Array]:
     if scene.by_forces:
         found["0/weight"] = np.asarray(dynamics.strain.stiffness, float).ravel()
     image = Image()
-    outputs(mechanism, dynamics.system, _Kept(image))
+    outputs(mechanism, dynamics.system, image.keep)
     of_page = {name: np.asarray(image.arrays[k][2]) for name, k in image.names.items()}
     return {name: x for name, x in (found | of_page).items() if x.size}
 
