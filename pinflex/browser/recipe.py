@@ -333,11 +333,7 @@ class Recipe:
 
 
 def live_scene(mechanism: Mechanism) -> Scene:
-    """The scene of level coupled, within a tolerance.
-
-    Raises:
-        DescriptionError: A page cannot run it.
-    """
+    """The scene of level coupled, within a tolerance; refused if a page cannot run it."""
     scene = scene_of(mechanism, "coupled")
     scene = replace(scene, spec=replace(scene.spec, dt=None, tol=scene.spec.tol or 1e-3))
     if why := _beyond(scene):

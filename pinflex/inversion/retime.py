@@ -136,11 +136,7 @@ class _Seen:
         self.velocity, self.acceleration = path.v[:, axes.v_at], path.a[:, axes.v_at]
 
     def jerk(self) -> Array:
-        """Largest jerk of each motor between corners [rad/s^3 | m/s^3].
-
-        Raises:
-            MotionError: The acceleration jumps.
-        """
+        """Largest jerk of each motor between corners [rad/s^3 | m/s^3]; refused where a jumps."""
         a, size = self.acceleration, np.abs(self.acceleration).max(axis=0)
         ends = np.abs(a[[0, -1]]).max(axis=0)
         jumps = np.abs(a[self.sides + 1] - a[self.sides]).max(axis=0, initial=0.0)

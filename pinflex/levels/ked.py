@@ -315,11 +315,7 @@ def solve_ked(
     close: float | None = None,
     every: int = 1,
 ) -> Run:
-    """March the linear deviation; one linear system a step.
-
-    Returns:
-        The run: nominal motion plus deviation, torques included.
-    """
+    """March the linear deviation, one linear system a step: the nominal motion and this."""
     level = _Ked(mechanism, motion, t, structural, every)
     begin = level.predict(start)
     systems = level.residual(close or (_CLOSE if isinstance(method, Alpha) else _CLOSER))

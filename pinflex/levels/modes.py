@@ -95,12 +95,9 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
 
 
 def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Array]:
-    """Eigenvalues s [1/s] and shapes of the vibration about a state, slowest first.
+    """Eigenvalues s (k,) [1/s] of the vibration about a state, slowest first; shapes (nv, k).
 
     Of a pair the one that turns forward is kept; of a divergence s and -s the growing one.
-
-    Returns:
-        s (k,), complex; shapes (nv, k), complex, of unit mass.
     """
     system = dynamics.system
     M, C, K = (

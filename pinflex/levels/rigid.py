@@ -47,13 +47,10 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
 
 
 def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]:
-    """Multipliers and motor torques that balance r - J' lam = S' tau, at n instants.
+    """Multipliers (n, rows) and motor torques (n, nm) that balance r - J' lam = S' tau.
 
     More motors than freedoms share as stiff drives do: of all torques that balance, those with the
     least sum of tau^2 / stiffness.
-
-    Returns:
-        lam (n, rows), tau (n, nm).
     """
     lam, torque, _ = correct(mechanism, J, r)
     return lam, torque
@@ -105,11 +102,7 @@ def sharing(mechanism: Mechanism) -> str:
 
 
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
-    """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau.
-
-    Returns:
-        The run, with motor torques and closure multipliers.
-    """
+    """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau."""
     path, dynamics = prescribe(mechanism, motion, t), Equations(mechanism.rigid)
     some = (path.at(at) for at in spans(len(t)))  # a long motion shall not fill the memory
     return accept(mechanism, path, [correct(mechanism, *residual(dynamics, x)) for x in some])

@@ -313,10 +313,8 @@ def with_speeds(
     speeds: Speeds,
     driven: bool = False,
 ) -> Array:
-    """Velocities at the start with the given ones among them.
+    """Velocities (nv,) at the start with the given ones among them.
 
-    Returns:
-        Shape (nv,).
     Raises:
         DescriptionError: An unknown name, a prescribed one, or speeds that closures do not allow.
     """

@@ -88,8 +88,7 @@ class Misfit:
 def nearly_closed(dynamics: Equations, guess: Array, moving: IntArray) -> Array | None:
     """A pose at which the rows close that joints move, the others to the drawing's accuracy.
 
-    Returns:
-        The pose; None where more stays open, or where rows are dependent in this pose only.
+    None where more stays open, or where rows are dependent in this pose only.
     """
     closed, size = dynamics.system.closed, _size(dynamics, guess)
     kept, _ = assembly.independent_rows(dynamics.close(guess).J, closed.labels, MISFIT_RANK)
@@ -170,11 +169,7 @@ _SHOWN = 4  # joints listed before "..."
 
 
 def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
-    """A sentence for each hinge of a loop whose axis crosses those of all its hinged neighbours.
-
-    Returns:
-        Text with a space before it, or "".
-    """
+    """A sentence for each hinge of a loop whose axis crosses those of all its neighbours."""
     at, system = dynamics.kinematics(pose), dynamics.system
     closed, model = system.closed, system.rigid
     placed, turning = closed.frames(at.poses)[0, :, :, :3], at.J[0, 3:]

@@ -218,11 +218,7 @@ def closures(
     couplings: Sequence[Coupling] = (),
     ground: Mapping[str, pin.SE3] | None = None,
 ) -> Closures:
-    """Gather the loops and couplings of a description on a model.
-
-    Returns:
-        All rows, redundant ones included.
-    """
+    """All rows of the loops and couplings of a description on a model, redundant ones included."""
     sleeves, ground = sleeves or {}, ground or {}
     loops = (*(Loop(f"coupling of {one.joint}", "coupling", "", "") for one in couplings), *loops)
     ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]

@@ -76,11 +76,7 @@ def require_mass(
     flexible: System,
     home: Array,
 ) -> None:
-    """Refuse a model that does not weigh what the scene says.
-
-    Raises:
-        AssemblyError: An error of pinflex, not of the scene.
-    """
+    """Refuse a model that does not weigh what the scene says: an error of pinflex."""
     y = np.concatenate([home, np.zeros(flexible.n_eta)])
     poses = Equations(rigid).joint_poses(home)
     said = of_scene(description, links, parts, given, rigid, flexible, poses)

@@ -48,9 +48,6 @@ def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
     With the motors locked the closures leave the null space N of J's passive columns. Each row of
     a sprung joint in it takes one freedom away, the stiffest first; a sprung joint whose motion
     the loops determine anyway (a flexure hinge of a closed chain) is not among them.
-
-    Returns:
-        Rows, increasing.
     """
     sprung = ~np.isin(springs.v_at, motors)
     rows, stiffness = springs.v_at[sprung], springs.stiffness[sprung]
@@ -195,8 +192,6 @@ def rigid_system(
 ) -> Assembled:
     """Close the loops of the rigid mechanism at home and keep the independent rows.
 
-    Returns:
-        The system at home.
     Raises:
         AssemblyError, SingularityError: Loops that cannot close, or a singular home.
     """

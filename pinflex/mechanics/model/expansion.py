@@ -43,11 +43,7 @@ Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi
 def stack(
     model: pin.Model, slices: Sequence[slice], maps: Sequence[Sequence[Row]]
 ) -> tuple[Block, ...]:
-    """Group neighbouring bodies of equal shape.
-
-    Returns:
-        Blocks in the order of the bodies; curved rows come first in each.
-    """
+    """Neighbouring bodies of equal shape in blocks, in their order; curved rows come first."""
     sorted_maps = [sorted(rows, key=_straight) for rows in maps]
     shapes = [
         (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
@@ -329,11 +325,7 @@ def expand(
     gravity: Array,
     geared: frozenset[str] = frozenset(),
 ) -> Expansion:
-    """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
-
-    Returns:
-        The expanded model with its maps.
-    """
+    """Build the expanded model with its maps, or, with `rigid=None`, the rigid tree itself."""
     model = pin.Model()
     model.gravity.linear = np.array(gravity, float)
     work = _Assembler(links, parts, needed, rigid is not None, model, geared=geared)

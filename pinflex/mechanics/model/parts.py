@@ -176,13 +176,7 @@ def resolve(
     coarse: bool = False,
     plane: Plane | None = None,
 ) -> dict[str, FlexiblePart]:
-    """Turn the description of flexible links into bodies; `plane`: of this description, if known.
-
-    Returns:
-        Parts by link name.
-    Raises:
-        DescriptionError: A span that cannot be found, a mass that is not there.
-    """
+    """Flexible links with their bodies, by name; `plane`: of this description, if known."""
     index = {link.name: number for number, link in enumerate(links)}
     plane = plane_of(description, links, {}) if plane is None else plane
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
@@ -429,12 +423,7 @@ def _moved(root: Array, x: float) -> Array:
 
 
 def with_damping(system: System, name: str, given: Mapping[str, Array]) -> System:
-    """The flexible system with the given damping of some links.
-
-    Raises:
-        DescriptionError: A link that is not flexible; a matrix of another shape, or one that is
-            not symmetric or makes energy.
-    """
+    """The flexible system with the given damping of some links, which must not make energy."""
     D, first = system.D.copy(), int(system.rigid.nv)
     rows = rows_of(system.expansion)
     for link, matrix in given.items():

@@ -108,11 +108,7 @@ def _carry(model: pin.Model, payload: Payload) -> None:
 def link_tree(
     model: pin.Model, extras: Mapping[str, JointExtra], coupled: Collection[str] = ()
 ) -> tuple[Link, ...]:
-    """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
-
-    Returns:
-        The links in depth-first order.
-    """
+    """Undo Pinocchio's merging of fixed joints: one record per link, in depth-first order."""
     frames = model.frames
     own = _own_inertias(model)
     links: list[Link] = []
@@ -394,11 +390,7 @@ def turning(bodies: Sequence[FlexibleBody]) -> Array:
 
 
 def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> Split:
-    """Share a link's inertia between a beam and riders.
-
-    Returns:
-        The shares; `share` is 0 where no part of the beam fits.
-    """
+    """Share a link's inertia between a beam and riders; 0 where no part of the beam fits."""
     units = np.append(np.ones(3), np.full(3, 1.0 / length)) / np.sqrt(link.mass)
     scale = np.outer(units, units)
     whole, points = scale * link.matrix(), scale * travelling(bodies)
