@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from pinflex.inversion.target import Balanced, Instant, Target, balanced, delaye
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import eigh, lapack, null_space, saddle, saddle_matrix
+from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -115,15 +115,6 @@ def _second(phase: Array) -> Array:
 _NODES = 16  # intervals over the motion in which matrices are straight lines: the defect tells
 
 
-class _Matrices(NamedTuple):
-    """M, C, K (free, free) and J (rows, free) of the coordinates that no motor drives."""
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-
-
 class Forward:
     """The forward equations, linearised along the motion of poses that balance a path.
 
@@ -139,7 +130,7 @@ class Forward:
         every = [self._matrices(int(k), found, v, a) for k in at]
         self._from = every
         self._rise = [
-            _Matrices(*(y - x for x, y in zip(*pair, strict=True)))
+            Tangent(*(y - x for x, y in zip(*pair, strict=True)))
             for pair in zip(every, [*every[1:], every[-1]], strict=True)
         ]
         inside = np.clip(np.arange(len(found.y)), at[0], at[-1])
@@ -177,12 +168,13 @@ class Forward:
         v[:, rows], a[:, rows] = curve(t, 1), curve(t, 2)
         return v, a, own
 
-    def _matrices(self, k: int, found: Balanced, v: Array, a: Array) -> _Matrices:
+    def _matrices(self, k: int, found: Balanced, v: Array, a: Array) -> Tangent:
+        """Of the coordinates that no motor drives."""
         instant = self._instant
         free, t = instant.free, float(instant.target.t[k])
         M, C, K, J = instant.dynamics.tangent(found.y[k], v[k], a[k], found.lam[k], t)
         square = np.ix_(free, free)
-        return _Matrices(M[square], C[square], K[square], J[:, free])
+        return Tangent(M[square], C[square], K[square], J[:, free])
 
     def _open(self, y: Array, lam: Array, motors: Array) -> tuple[Array, Array, Array]:
         """Forces left open (nt, free), of closures (nt, rows), of the platform (nt, k)."""

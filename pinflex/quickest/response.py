@@ -28,6 +28,7 @@ from pinflex.integrators.collocation import generalized_alpha
 from pinflex.integrators.problem import Run
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
+from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_poses
 from pinflex.mechanics.manifold import Manifold
@@ -98,15 +99,6 @@ class Response(NamedTuple):
     platform: Array
     rate: Array
     strain: Array
-
-
-class _System(NamedTuple):
-    """The linear system at one instant, in all coordinates."""
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
 
 
 def response(
@@ -218,7 +210,7 @@ class _March:
             found.append(change)
         return found
 
-    def _load(self, k: int, now: _System) -> tuple[Array, Array]:
+    def _load(self, k: int, now: Tangent) -> tuple[Array, Array]:
         """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
         slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
         if self.push is not None:
@@ -248,11 +240,12 @@ class _March:
         frame = self.mechanism.frame(str(self.mechanism.description.platform))
         return np.asarray(frame_jacobian(self.dynamics, self.y[-1], frame)[:3])
 
-    def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, list[Array]]]:
+    def _systems(self, free: IntArray) -> Iterator[tuple[int, Tangent, list[Array]]]:
         """Instant by instant: its number, its system, and the LU factors of its step."""
         grid = self.grid
         for k in range(grid.moving + 1):  # the last one stands for all at rest
-            now = self._tangent(k)
+            state = self.y[k], self.v[k], self.a[k], self.lam[k], float(self.t[k])
+            now = self.dynamics.tangent(*state)
             *step, info = lapack().dgetrf(self._step(now, free), overwrite_a=1)
             if info:
                 raise np.linalg.LinAlgError(f"dgetrf: info {info}")
@@ -261,20 +254,10 @@ class _March:
         for k in range(grid.moving, grid.moving + grid.after):
             yield k, now, step
 
-    def _step(self, now: _System, free: IntArray) -> Array:
+    def _step(self, now: Tangent, free: IntArray) -> Array:
         by_a, by_v, by_d = self.scheme.weights(self.h)
         S = by_a * now.M + by_v * now.C + by_d * now.K
         return saddle_matrix(S[np.ix_(free, free)], now.J[:, free])
-
-    def _tangent(self, k: int) -> _System:
-        """The system at an instant of the run."""
-        state = self.y[k], self.v[k], self.a[k], self.lam[k], float(self.t[k])
-        now = _System(*self.dynamics.tangent(*state))
-        alpha, beta = self.mechanism.description.system_damping
-        if not (alpha or beta):
-            return now
-        more = alpha * now.M + beta * self.dynamics.structural_stiffness(self.y[k])
-        return now._replace(C=now.C + more)
 
 
 class Strains:
