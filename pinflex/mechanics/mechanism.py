@@ -251,9 +251,7 @@ class Mechanism:
         Joints that have clearance are held by contact.
         """
         let_go = np.union1d(self.idle.base, self.idle.loose)
-        system = self.flexible
-        if any(loop.clearance is not None for loop in self.description.loops):
-            system = with_clearance(system, self.description.loops)
+        system = with_clearance(self.flexible, self.description.loops)
         if not len(let_go):
             return system
         held = np.setdiff1d(system.held, let_go).astype(np.intp)

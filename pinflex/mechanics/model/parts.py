@@ -1,7 +1,4 @@
-"""What a flexible link needs by itself: its beam frame, its planes, its bodies.
-
-Model only what the scene needs: a mechanism that moves in one plane bends in that plane alone.
-"""
+"""What a flexible link needs by itself: its beam frame, its planes, its bodies."""
 
 from __future__ import annotations
 
