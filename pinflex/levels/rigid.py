@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.arrays import Array, spans
@@ -230,19 +229,16 @@ def senses(mechanism: Mechanism) -> Array:
     """
     model, closed = mechanism.rigid.expansion.model, mechanism.rigid.closed
     slides, found = sliding(model), np.zeros(len(mechanism.motors))
-    data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.home)
-    poses = np.array([[*each.rotation.T.ravel(), *each.translation] for each in data.oMi])
-    held = closed.frames(poses[None])[0, :, :, 3]
+    at = Equations(mechanism.rigid).kinematics(mechanism.home)
+    places, held = at.poses[0, :, 9:], closed.frames(at.poses)[0, :, :, 3]
     for k, name in enumerate(mechanism.motors):
         if name not in slides:
             continue
         joint = model.getJointId(name)
-        row, parent = int(model.idx_vs[joint]), int(model.parents[joint])
-        column = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[:3, row]
-        place = data.oMi[joint].translation
-        begin = data.oMi[parent].translation if parent else place
-        ends = [data.oMi[j].translation for j in model.children[joint]]
+        column, parent = at.J[0, :3, int(model.idx_vs[joint])], int(model.parents[joint])
+        place = places[joint]
+        begin = places[parent] if parent else place
+        ends = [places[j] for j in model.children[joint]]
         ends += [p for p, body in zip(held, closed.bodies, strict=True) if int(body) == joint]
         ahead = [float(column @ (end - begin)) for end in (*ends, place)]
         found[k] = -1.0 if max(ahead, key=abs) < 0.0 else 1.0
