@@ -104,9 +104,7 @@ def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Ar
         A[np.ix_(free, free)]
         for A in dynamics.tangent(state.y, state.v, state.a, state.lam, state.t)[:3]
     )
-    Z = np.eye(len(free))
-    if system.closed.n:
-        Z = null_space(dynamics.close(state.y)[1][:, free])
+    Z = allowed_motions(dynamics, state.y, free)
     M, C, K = (Z.T @ A @ Z for A in (M, C, K))
     s, x = _quadratic(M, C, K)
     mass = np.sqrt(np.abs(np.einsum("ik,ij,jk->k", x.conj(), M, x)))
@@ -356,8 +354,6 @@ def base_state(mechanism: Mechanism) -> str:
 
 def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
     """Basis of what the closures leave of the free coordinates, shape (free, n)."""
-    if not dynamics.system.closed.n:
-        return np.eye(len(free))
     return null_space(dynamics.close(y).J[:, free])
 
 

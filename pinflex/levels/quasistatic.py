@@ -270,7 +270,7 @@ def unstable_directions(
     negative = negative_directions(K, J)
     if not (negative and acts_without_potential(dynamics.system, t)):
         return negative
-    Z = null_space(J) if len(J) else np.eye(len(free))
+    Z = null_space(J)
     x, _, omega2 = condensed(Z.T @ K @ Z, Z.T @ dynamics.mass(y)[np.ix_(free, free)] @ Z)
     s, _ = coupled(0.5 * Z.T @ (K - K.T) @ Z, x, omega2)
     return int(np.sum((s.imag == 0) & (s.real > 0)))

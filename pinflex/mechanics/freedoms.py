@@ -131,7 +131,7 @@ class Freedoms:
             return Idle(), []
         spins, rows = self._spins(J, N, pieces)
         rest = N @ null_space(np.array(rows).reshape(-1, len(N)) @ N, INDEPENDENT, 1.0)
-        held = np.sort(independent_rows(rest, INDEPENDENT, 1.0)) if rest.shape[1] else _NONE
+        held = np.sort(independent_rows(rest, INDEPENDENT, 1.0))
         rows_named = coordinate_names(self._model)
         names = (*(loop.name for loop in spins), *(rows_named[k] for k in held))
         heavy = self._inertia_of_rows[held] > _MASSLESS * float(np.max(self._inertia_of_rows))
@@ -283,11 +283,9 @@ def allowed(J: Array, locked: IntArray) -> Array:
     """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k)."""
     nv = J.shape[1]
     passive = np.setdiff1d(np.arange(nv), locked)
-    N = np.zeros((nv, 0))
-    if len(passive):
-        inside = null_space(J[:, passive], INDEPENDENT)
-        N = np.zeros((nv, inside.shape[1]))
-        N[passive] = inside
+    inside = null_space(J[:, passive], INDEPENDENT)
+    N = np.zeros((nv, inside.shape[1]))
+    N[passive] = inside
     return N
 
 

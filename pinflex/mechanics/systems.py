@@ -70,10 +70,9 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:
-        J = Equations(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
-        named = (*description.frames, *description.loaded)
+        dynamics, named = Equations(system), (*description.frames, *description.loaded)
         still = None if description.platform is None else frames[description.platform]
-        every = Freedoms(Equations(system), home)
+        J, every = dynamics.close(home).J.copy(), Freedoms(dynamics, home)
         found = every.idle(J, locked, [frames[name] for name in named], still)
     if not len(base):
         return found
@@ -222,7 +221,7 @@ def rigid_system(
         dynamics = Equations(system)
     home, fit = closed.pose, closed.misfit
     require_apart(placed, model, home, description.name)
-    _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
+    J = dynamics.close(home).J if every.n else np.zeros((0, nv))  # tables cost a millisecond
     kept, redundant = assembly.independent_rows(J, every.labels, fit.rank)
     system = replace(system, closed=every.select(kept))
     elastic = elastic_rows(J[kept], motors, springs)
