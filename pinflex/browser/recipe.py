@@ -407,7 +407,10 @@ def _laid_out(
     kernels = [march._kernel, *(each._made(march.steps) for each in (once, twice))]
     stages = [radau, once.stages, twice.stages]
     image, system = Image(), scene.equations().system
-    header: dict[str, Any] = {"tables": _add_tables(image, _wide(system.tables, pattern))}
+    tables = _wide(system.tables, pattern)
+    addresses = {name: array.ctypes.data for name, array in tables.arrays.items()}
+    image.add_arrays(tables.arrays, addresses, {name: name for name in tables.arrays})
+    header: dict[str, Any] = {"tables": image.add_structure(tables._structure)}
     weights = [np.zeros(0), once._guess, twice._guess]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
         _add_march(image, each.compiled.kernel, kernel, f"{k}/")
@@ -487,13 +490,6 @@ def _wide(tables: Tables, pattern: dict[str, IntArray] | None) -> Tables:
 
 def _flat(tables: Tables) -> dict[str, Array]:
     return {name: np.asarray(x, float).ravel() for name, x in tables.arrays.items() if x.size}
-
-
-def _add_tables(image: Image, tables: Tables) -> int:
-    arrays = tables.arrays
-    addresses = {name: array.ctypes.data for name, array in arrays.items()}
-    image.add_arrays(arrays, addresses, {name: name for name in arrays})
-    return image.add_structure(tables._structure)
 
 
 def _add_march(image: Image, stages: StageKernel, kernel: MarchKernel, head: str) -> None:

@@ -391,11 +391,12 @@ def _on_grid(
     window = np.zeros(len(wanted.names))
     if poles is not None and answer.swing is not None:
         window = poles.cut_off(ahead) * answer.missed + answer.swing
+    slides = sliding(mechanism.rigid.rigid)
     found = Command(
         name=mechanism.name,
         level=level,
         motors=mechanism.motors,
-        units=_units(mechanism),
+        units=tuple(joint_unit("torque", name in slides) for name in mechanism.motors),
         t=t[kept],
         position=position[kept],
         velocity=curve(t[kept], 1),
@@ -448,11 +449,6 @@ def _both_sides(
         _, name, quantity = key.split("/")
         found.setdefault(name, {})[quantity] = values[kept]
     return found
-
-
-def _units(mechanism: Mechanism) -> tuple[str, ...]:
-    slides = sliding(mechanism.rigid.rigid)
-    return tuple(joint_unit("torque", name in slides) for name in mechanism.motors)
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

@@ -84,16 +84,11 @@ def instants_over(mechanism: Mechanism, duration: float) -> int:
         return _LEAST
     share = (f[0] / f) ** _CORNER
     allowed = _SHARE / np.sum(share > _SHARE) / share
-    phase = np.linspace(0.0, np.pi, 721)[1:]
-    missed = np.abs(_second(phase) / phase**2 - 1.0)  # grows with the phase
+    phase, reach = np.linspace(0.0, np.pi, 721)[1:], np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
+    seen = -np.cos(np.outer(phase, reach)) @ EIGHTH.second  # the square of the phase
+    missed = np.abs(seen / phase**2 - 1.0)  # grows with the phase
     longest = np.interp(allowed, missed, phase, right=np.inf) / (2.0 * np.pi * f)
     return max(_LEAST, int(np.ceil(duration / float(np.min(longest)))))
-
-
-def _second(phase: Array) -> Array:
-    """Square of a rate (phase per instant) as differences of order 8 see it."""
-    reach = np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
-    return np.asarray(-np.cos(np.outer(phase, reach)) @ EIGHTH.second)
 
 
 # What a flexible mechanism does with a command: its vibration about the poses that were planned.

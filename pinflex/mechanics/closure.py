@@ -391,13 +391,10 @@ class LogClosure:
         # -1 where two axes are to point against each other
         self.signs = np.ones(len(closed.names))
 
-    def _frames(self, pose: Array) -> tuple[Array, Array]:
-        """Rotations of the frames of the loops, (loops, 3, 3) each."""
-        return _frames(self.dynamics.system.closed, self.dynamics.joint_poses(pose))
-
     def axes(self, pose: Array) -> Array:
         """Cosine of the angle of the two axes of each loop (1 where it has none), at a pose."""
-        (a, b), closed = self._frames(pose), self.dynamics.system.closed
+        closed = self.dynamics.system.closed
+        a, b = _frames(closed, self.dynamics.joint_poses(pose))
         cosines = (a[:, :, 2] * b[:, :, 2]).sum(axis=1)
         return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
@@ -407,8 +404,9 @@ class LogClosure:
         A revolute joint can be that, as its pin may be put in from either side; `signs` says from
         which.
         """
-        frames_a, frames_b = self._frames(pose)
-        for k, kind in enumerate(self.dynamics.system.closed.kinds):
+        closed = self.dynamics.system.closed
+        frames_a, frames_b = _frames(closed, self.dynamics.joint_poses(pose))
+        for k, kind in enumerate(closed.kinds):
             if _holds(kind) == TURNED:
                 turn = frames_a[k].T @ frames_b[k]
                 if np.min(np.diag(turn)) < 0.5:

@@ -49,7 +49,9 @@ def stack(
         (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
         for rows, eta in zip(sorted_maps, slices, strict=True)
     ]
-    q_of = _positions(model)
+    # where in Q each velocity row is, of joints with as many of one as of the other
+    at, first, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
+    q_of = np.repeat(at - first, counts) + np.arange(model.nv)
     blocks = []
     for (_, curved, n), numbers in groupby(range(len(slices)), key=lambda k: shapes[k]):
         group = list(numbers)
@@ -66,12 +68,6 @@ def stack(
 def _straight(row: Row) -> bool:
     """Whether a row is linear in eta."""
     return row[2] is None
-
-
-def _positions(model: pin.Model) -> IntArray:
-    """Position in Q of each velocity row of a joint with as many of one as of the other."""
-    at, rows, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
-    return np.repeat(at - rows, counts) + np.arange(model.nv)
 
 
 _POINT, _STRAIGHT, _HERE = np.zeros((3, 3)), np.eye(3), pin.SE3.Identity()
