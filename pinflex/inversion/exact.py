@@ -89,13 +89,15 @@ def spline(t: Array, position: Array) -> Callable[..., Array]:
     """Quintic spline through positions (nt, n) at even times, from rest; it ends as the data do.
 
     A function of times and of an order of derivative. Third and fourth derivatives vanish at the
-    end.
+    end. Positions of a series that diverges may be no numbers: then the spline has none either.
     """
     from scipy.interpolate import make_interp_spline
 
     still = np.zeros(position.shape[1])
     ends = [(1, still), (2, still)], [(3, still), (4, still)]
-    made: Callable[..., Array] = make_interp_spline(t, position, k=5, bc_type=ends)
+    made: Callable[..., Array] = make_interp_spline(
+        t, position, k=5, bc_type=ends, check_finite=False
+    )
     return made
 
 

@@ -95,9 +95,10 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
 
 
 def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Array]:
-    """Eigenvalues s (k,) [1/s] of the vibration about a state, slowest first; shapes (nv, k).
+    """Eigenvalues s (k,) [1/s] of the vibration about a state, slowest first, and shapes (nv, k).
 
-    Of a pair the one that turns forward is kept; of a divergence s and -s the growing one.
+    Both are complex, shapes of unit mass. Of a pair the one that turns forward is kept; of a
+    divergence s and -s the growing one.
     """
     system = dynamics.system
     M, C, K = (

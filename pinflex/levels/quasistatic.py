@@ -363,7 +363,7 @@ class _Quasistatic:
         return self.dynamics.integrate(self.prescribe(k), self.offset)
 
     def correct(self, k: int, y: Array) -> Equilibrium:
-        """The equilibrium of an instant, by Newton on the residual; one near that before."""
+        """The equilibrium of an instant (`balance`); refused where it is not near that before."""
         now, free, where = float(self.path.t[k]), self.system.free, f"t = {self._t[k]:.6g} s"
         where = f"{self._name}: {where}"
         found = balance(
