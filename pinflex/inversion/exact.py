@@ -28,11 +28,13 @@ from pinflex.actuation.drive import breaks, nominal
 from pinflex.actuation.path import MotorAxes, motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
+from pinflex.description.trajectories.profiles import hermite
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.chebyshev import PiecewiseChebyshev
 from pinflex.inversion.saddle import Saddle
 from pinflex.inversion.target import Balanced, Instant, Target, delayed
 from pinflex.levels.rigid import solve_rigid
+from pinflex.linalg import lapack
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
@@ -88,17 +90,49 @@ def padded(y: Array, n: int) -> Array:
 def spline(t: Array, position: Array) -> Callable[..., Array]:
     """Quintic spline through positions (nt, n) at even times, from rest; it ends as the data do.
 
-    A function of times and of an order of derivative. Third and fourth derivatives vanish at the
-    end. Positions of a series that diverges may be no numbers: then the spline has none either.
-    """
-    from scipy.interpolate import make_interp_spline
+    A function of times and of an order of derivative. Unknown are velocities and accelerations at
+    the nodes, by h and h^2: third and fourth derivatives go on from piece to piece, and vanish at
+    the end. By numpy: scipy's splines take longer to import than a small run.
 
-    still = np.zeros(position.shape[1])
-    ends = [(1, still), (2, still)], [(3, still), (4, still)]
-    made: Callable[..., Array] = make_interp_spline(
-        t, position, k=5, bc_type=ends, check_finite=False
-    )
-    return made
+    Source: de Boor (2001), A Practical Guide to Splines, ch. 4 (piecewise Hermite interpolation).
+    """
+    h, n = float(t[-1] - t[0]) / (len(t) - 1), len(t)
+    # by x, v, a at either end of a piece: its third and fourth derivative where it begins, and ends
+    begins = np.array([[-60, -36, -9, 60, -24, 3], [360, 192, 36, -360, 168, -24]], float)
+    ends = np.array([[-60, -24, -3, 60, -36, 9], [-360, -168, -24, 360, -192, 36]], float)
+    rows, right = np.zeros((2 * n, 7)), np.zeros((2 * n, position.shape[1]))
+    rows[:2, 3] = 1.0  # at rest; below: unknowns of the node before, its own, and of the next
+    inner = rows[2:-2].reshape(n - 2, 2, 7)
+    for k in range(2):  # row k of a node begins k unknowns further on in its band
+        inner[:, k, 1 - k : 3 - k] = ends[k, 1:3]
+        inner[:, k, 3 - k : 5 - k] = ends[k, 4:] - begins[k, 1:3]
+        inner[:, k, 5 - k : 7 - k] = -begins[k, 4:]
+        rows[2 * n - 2 + k, 1 - k : 3 - k], rows[2 * n - 2 + k, 3 - k : 5 - k] = (
+            ends[k, 1:3], ends[k, 4:],
+        )  # fmt: skip
+    rise = np.diff(position, axis=0)
+    for k in range(2):
+        right[2 + k : -2 : 2] = begins[k, 3] * rise[1:] - ends[k, 3] * rise[:-1]
+        right[2 * n - 2 + k] = -ends[k, 3] * rise[-1]
+    # LAPACK's band: entry (i, j) at (6 + i - j, j), with three rows of room above
+    band = np.zeros((10, 2 * n), order="F")
+    for k in range(7):
+        column = np.arange(2 * n) + k - 3
+        inside = (column >= 0) & (column < 2 * n)
+        band[9 - k, column[inside]] = rows[inside, k]
+    _, _, found, info = lapack().dgbsv(3, 3, band, right, overwrite_ab=1, overwrite_b=1)
+    if info:
+        raise np.linalg.LinAlgError(f"dgbsv: info {info}")
+    powers = hermite(t, position, found[0::2] / h, found[1::2] / h**2)
+
+    def at(times: Array, order: int = 0) -> Array:
+        left = np.clip(((times - t[0]) / h).astype(np.intp), 0, n - 2)
+        since, value = (times - t[left])[:, None], np.zeros((len(times), position.shape[1]))
+        for c in range(5, order - 1, -1):
+            value = value * since + np.prod(np.arange(c, c - order, -1.0)) * powers[left, c]
+        return value
+
+    return at
 
 
 _HELD = 1e8  # weight of rest at the start over that of a deviation elsewhere
