@@ -168,13 +168,12 @@ def pattern_of(tables: Iterable[TableArrays]) -> dict[str, IntArray] | None:
     return {name: np.unique(np.concatenate([_keys(x, name) for x in every])) for name in _SPARSE}
 
 
-def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays | None:
-    """The tables with zeros where only others have entries; None: they have more than all."""
+def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays:
+    """The tables, which the pattern is of too, with zeros where only others have entries."""
     out, n = dict(tables), _width(tables)
     for name in _SPARSE:
         wanted, own = pattern[name], _keys(tables, name)
-        if not np.isin(own, wanted).all():
-            return None
+        assert np.isin(own, wanted).all()
         values = np.zeros(len(wanted))
         values[np.searchsorted(wanted, own)] = tables[name]
         rows = len(tables[f"{name}_at"]) - 1
@@ -407,7 +406,9 @@ def _laid_out(
     kernels = [march._kernel, *(each._made(march.steps) for each in (once, twice))]
     stages = [radau, once.stages, twice.stages]
     image, system = Image(), scene.equations().system
-    tables = _wide(system.tables, pattern)
+    tables = system.tables
+    if pattern is not None:  # entries of zero where a slider may have others
+        tables = Tables(tables.counts, tables.arrays | widened(_flat(tables), pattern))
     addresses = {name: array.ctypes.data for name, array in tables.arrays.items()}
     image.add_arrays(tables.arrays, addresses, {name: name for name in tables.arrays})
     header: dict[str, Any] = {"tables": image.add_structure(tables._structure)}
@@ -477,15 +478,6 @@ def _nominal_rates(scene: Scene, system: Any) -> list[list[float]]:
         n = int(system.rigid.nv)
         v[:n], a[:n] = first.v[0], first.a[0]
     return [v.tolist(), a.tolist()]
-
-
-def _wide(tables: Tables, pattern: dict[str, IntArray] | None) -> Tables:
-    """The tables with entries of zero where a slider may have others."""
-    if pattern is None:
-        return tables
-    found = widened(_flat(tables), pattern)
-    assert found is not None
-    return Tables(tables.counts, tables.arrays | found)
 
 
 def _flat(tables: Tables) -> dict[str, Array]:
