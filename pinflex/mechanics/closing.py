@@ -310,7 +310,7 @@ def assemble(
                 if motors_held or search.way(pose) < _NEAR:
                     return Closed(pose, 0)
                 return search.run(False, pose) or Closed(pose, 0)
-            if fits or not search.welded_wrong(pose):
+            if fits or not search.closure.twisted(pose):  # no more than the side of an axis
                 spare = pose if spare is None else spare
         elif (near := search.nearly(guess, moving)) is not None:
             return near
@@ -382,14 +382,6 @@ class _Search:
         return all(
             low <= pose[q] <= high for q, low, high, given in self.limited if not (free and given)
         )
-
-    def welded_wrong(self, pose: Array) -> bool:
-        """Whether more than the side of an axis is wrong at a pose."""
-        signs = self.closure.signs
-        self.closure.signs = np.sign(self.closure.axes(pose))
-        wrong = self.closure.flipped(pose)
-        self.closure.signs = signs
-        return wrong
 
     def passive_may_close(self) -> bool:
         """Whether passive joints alone move the closures as far as all joints together do."""

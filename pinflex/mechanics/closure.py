@@ -398,20 +398,15 @@ class LogClosure:
         cosines = (a[:, :, 2] * b[:, :, 2]).sum(axis=1)
         return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
-    def flipped(self, pose: Array) -> bool:
-        """Whether the rows vanish, at a pose, with the frames of a loop turned by half a turn.
-
-        A revolute joint can be that, as its pin may be put in from either side; `signs` says from
-        which.
-        """
+    def twisted(self, pose: Array) -> bool:
+        """Whether a weld is turned by half a turn at a pose: there its rows vanish, too."""
         closed = self.dynamics.system.closed
-        frames_a, frames_b = _frames(closed, self.dynamics.joint_poses(pose))
-        for k, kind in enumerate(closed.kinds):
-            if _holds(kind) == TURNED:
-                turn = frames_a[k].T @ frames_b[k]
-                if np.min(np.diag(turn)) < 0.5:
-                    return True
-        return bool(np.any(self.axes(pose) * self.signs < 0))
+        pairs = zip(closed.kinds, *_frames(closed, self.dynamics.joint_poses(pose)), strict=True)
+        return any(_holds(k) == TURNED and np.min(np.diag(a.T @ b)) < 0.5 for k, a, b in pairs)
+
+    def flipped(self, pose: Array) -> bool:
+        """The same of any loop: a pin may be put in from either side; `signs` says from which."""
+        return self.twisted(pose) or bool(np.any(self.axes(pose) * self.signs < 0))
 
     def at(self, y: Array) -> tuple[Array, Array]:
         """Residual (m), shape (rows,), and its Jacobian, shape (rows, nv)."""
