@@ -50,11 +50,7 @@ class LiveScene:
 
 
 def scene_of_page(description: Description, t: Array) -> LiveScene:
-    """The scene of a description at samples t (s), with every slider that it may have.
-
-    Raises:
-        DescriptionError: A page cannot run it.
-    """
+    """The scene of a description at samples t (s), with every slider that it may have."""
     mechanism = load(description)
     live_scene(mechanism)  # a payload would be told instead of what is the matter
     proposed = sliders.proposed(mechanism)
@@ -121,11 +117,7 @@ _BESIDE = Path(build.__file__).parent
 
 @cache
 def wasm() -> bytes:
-    """The kernel for a page, of the C sources as they are.
-
-    Raises:
-        PinflexError: It is neither there nor can be compiled.
-    """
+    """The kernel for a page, of the C sources as they are."""
     name = build.wasm_name()
     for folder in (_BESIDE, _cache()):
         if (folder / name).exists():

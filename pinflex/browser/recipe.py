@@ -8,9 +8,8 @@ of the steps stays as it is given: nothing is sent back.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,7 @@ import numpy.typing as npt
 
 from pinflex.actuation.drive import breaks, nominal
 from pinflex.arrays import Array, IntArray
-from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
-from pinflex.integrators.compiled import tabulated
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
 from pinflex.integrators.problem import Problem
@@ -32,83 +29,6 @@ from pinflex.mechanics.model.system import System
 from pinflex.solver.judge import PART
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import SAMPLES, scene_of
-
-# The motion of a run as a table that the kernel reads, of platform motions too.
-#
-# Motors follow a platform by a spline of fifth degree through poses (`pinflex.actuation.drive`),
-# which no polynomial of a whole piece of the motion meets to round-off: each span of it is one
-# then.
-
-_NODES = 6  # of a polynomial of fifth degree
-_SPANS = (128, 256, 512, 1024, 2048)  # of the spline between start and end (`drive._interpolated`)
-_ROUND_OFF = (
-    1e-9  # of the accelerations, which the spline has from positions: eps over spans squared
-)
-_GAP, _AT_CORNER = 1e-9, 1e-12  # of the whole, as in `integrators.compiled`
-
-
-def tabulate(
-    radau: Radau, motion: Motion, ends: tuple[float, float], corners: Sequence[float]
-) -> None:
-    """Let a run read its motion from a table.
-
-    Raises:
-        DescriptionError: It has none.
-    """
-    drive, problem = radau.problem.drive, radau.problem
-    near = 1e-9 * (ends[1] - ends[0])  # of the stops of a march, the last of which is its end
-    inner = [x for x in sorted(corners) if ends[0] < x < ends[1] - near]
-    corners = [*inner, ends[1]]
-    asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
-    n, forces = len(problem.motors), radau.compiled.kernel.counts["forces"]
-    kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
-    table = tabulated(radau.at, kinds, *ends, corners) or _spline(radau, ends, inner)
-    if table is None:
-        raise DescriptionError(
-            f"{motion.kind}: a motion that is no smooth function of time between its breaks: a "
-            "page that computes cannot prescribe it."
-        )
-    radau.compiled.table = asked_for, table
-
-
-def _spline(radau: Radau, ends: tuple[float, float], inner: Sequence[float]) -> Table | None:
-    """A table of the spans of the spline that a platform is followed by; None: it is no such."""
-    between = 0.5 * (_nodes()[1:] + _nodes()[:-1])
-    weights = _weights()
-    W = weights / (between[:, None] - _nodes())
-    W /= W.sum(axis=1, keepdims=True)
-    span = ends[1] - ends[0]
-    for spans in _SPANS:
-        marks = np.union1d(np.linspace(*ends, spans + 1), inner)
-        marks = marks[np.append(True, np.diff(marks) > _AT_CORNER * span)]
-        gap = _GAP * span * np.isin(marks, inner)
-        begin, until = (marks + gap)[:-1], (marks - gap)[1:]
-        middle, half = 0.5 * (begin + until), 0.5 * (until - begin)
-        every = np.concatenate([_nodes(), between])
-        whole = np.array([ends[0], *inner, ends[1]])
-        found = radau.at(np.append((middle[:, None] + half[:, None] * every).ravel(), whole))
-        inside = found[: -len(whole)].reshape(len(middle), len(every), -1)
-        value, wanted = inside[:, :_NODES], inside[:, _NODES:]
-        size = np.abs(value).max(axis=(0, 1), initial=0.0)
-        missed = np.abs(W @ value - wanted).max(axis=(0, 1), initial=0.0)
-        if np.all(missed <= _ROUND_OFF * size + 1e-300):
-            rest = whole, found[-len(whole) :], _AT_CORNER * span
-            return Table(_nodes(), weights, middle + half, middle, half, value, *rest)
-    return None
-
-
-def _angles() -> Array:
-    return np.asarray(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-
-
-def _nodes() -> Array:
-    return np.asarray(np.cos(_angles()))
-
-
-def _weights() -> Array:
-    """Barycentric weights of the nodes, zeros of the Chebyshev polynomial."""
-    return np.asarray(np.where(np.arange(_NODES) % 2, -1.0, 1.0) * np.sin(_angles()))
-
 
 # A table of a motion in half of its numbers: accelerations, and where each piece begins.
 
@@ -248,13 +168,12 @@ def pattern_of(tables: Iterable[TableArrays]) -> dict[str, IntArray] | None:
     return {name: np.unique(np.concatenate([_keys(x, name) for x in every])) for name in _SPARSE}
 
 
-def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays | None:
-    """The tables with zeros where only others have entries; None: they have more than all."""
+def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays:
+    """The tables, which the pattern is of too, with zeros where only others have entries."""
     out, n = dict(tables), _width(tables)
     for name in _SPARSE:
         wanted, own = pattern[name], _keys(tables, name)
-        if not np.isin(own, wanted).all():
-            return None
+        assert np.isin(own, wanted).all()
         values = np.zeros(len(wanted))
         values[np.searchsorted(wanted, own)] = tables[name]
         rows = len(tables[f"{name}_at"]) - 1
@@ -323,6 +242,13 @@ class Image:
             values = None if called is None else np.array(array, dtype=float).ravel()
             kind = "i" if array.dtype.kind == "i" else "f"
             self.arrays.append((array.size, kind, values))
+
+    def keep(self, name: str, values: Any) -> int:
+        """An array that only the page reads; its number."""
+        array = np.asarray(values, dtype=float).ravel()
+        self.names[f"out/{name}"] = len(self.arrays)
+        self.arrays.append((array.size, "k", array))
+        return len(self.arrays) - 1
 
     def add_structure(self, structure: ctypes.Structure) -> int:
         """A structure whose arrays and structures are there already; its number."""
@@ -399,23 +325,14 @@ _GIVEN_MARCH = ("measured_at", "kind", "stop_at", "weight", "basis", "basis_0", 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A run for the page.
-
-    Attributes:
-        image: Arrays and structures. header: What page/march.js reads beside them.
-        values: Arrays that the header names, by number.
-    """
+    """A run for the page: arrays and structures, and what page/march.js reads beside them."""
 
     image: Image
     header: dict[str, Any]
 
 
 def live_scene(mechanism: Mechanism) -> Scene:
-    """The scene of level coupled, within a tolerance.
-
-    Raises:
-        DescriptionError: A page cannot run it.
-    """
+    """The scene of level coupled, within a tolerance; refused if a page cannot run it."""
     scene = scene_of(mechanism, "coupled")
     scene = replace(scene, spec=replace(scene.spec, dt=None, tol=scene.spec.tol or 1e-3))
     if why := _beyond(scene):
@@ -464,12 +381,15 @@ def recipe(
     radau = scene._radau(problem, resolution)
     radau.loose, radau.control, radau.slow = True, replace(radau.control, grain=GRAIN), SLOW
     ends, jumps = (float(t[0]), float(t[-1])), breaks(scene.motion, scene._loads)
-    tabulate(radau, scene.motion, ends, jumps)
     march = March(
         scene.mechanism.name, radau, scene._begun, ends, {RESTARTS: jumps},
         SHORT * (ends[1] - ends[0]), (TOGETHER, TOGETHER + 1),
     )  # fmt: skip
-    radau.compiled.table = (), None  # of other runs
+    if march._table is None:
+        raise DescriptionError(
+            f"{scene.motion.kind}: a motion that is no smooth function of time between its breaks: "
+            "a page that computes cannot prescribe it."
+        )
     march._at.resolution = resolution
     close = newton_tolerance(resolution, radau.loose)
     at = march._at
@@ -486,7 +406,12 @@ def _laid_out(
     kernels = [march._kernel, *(each._made(march.steps) for each in (once, twice))]
     stages = [radau, once.stages, twice.stages]
     image, system = Image(), scene.equations().system
-    header: dict[str, Any] = {"tables": _add_tables(image, _wide(system.tables, pattern))}
+    tables = system.tables
+    if pattern is not None:  # entries of zero where a slider may have others
+        tables = Tables(tables.counts, tables.arrays | widened(_flat(tables), pattern))
+    addresses = {name: array.ctypes.data for name, array in tables.arrays.items()}
+    image.add_arrays(tables.arrays, addresses, {name: name for name in tables.arrays})
+    header: dict[str, Any] = {"tables": image.add_structure(tables._structure)}
     weights = [np.zeros(0), once._guess, twice._guess]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
         _add_march(image, each.compiled.kernel, kernel, f"{k}/")
@@ -496,8 +421,7 @@ def _laid_out(
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
     header["inputs"] = [image.add_structure(kernel._inputs[1]) for kernel in kernels]
-    kept = _Kept(image)
-    header["outputs"] = outputs(scene.mechanism, system, kept)
+    header["outputs"] = outputs(scene.mechanism, system, image.keep)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
     header["kicks"] = _kicks(radau.problem, np.array(header["jumps"][1:]), t)
     header["moving"] = _nominal_rates(scene, system)
@@ -507,14 +431,14 @@ def _laid_out(
         "free": [int(i) for i in radau.problem.free],
         "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
     }  # fmt: skip
-    header["folded"] = _fold(image, march._table, kept, len(system.motors))
+    header["folded"] = _fold(image, march._table, len(system.motors))
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
     header |= {"part": PART, "static": scene.start.kind == "static", "slow": SLOW}
     header["names"] = dict(image.names)
     return Recipe(image, header)
 
 
-def _fold(image: Image, table: Table | None, kept: _Kept, motors: int) -> dict[str, Any] | None:
+def _fold(image: Image, table: Table | None, motors: int) -> dict[str, Any] | None:
     """Leave the table out of the image, which has it at every march; what it is made again of."""
     found = None if table is None else _folded(table, motors)
     if found is None:
@@ -523,21 +447,8 @@ def _fold(image: Image, table: Table | None, kept: _Kept, motors: int) -> dict[s
     for k in at:
         n, kind, _ = image.arrays[k]
         image.arrays[k] = n, kind, np.zeros(0)
-    numbers = {name: kept(f"folded/{name}", x) for name, x in found.items()}
+    numbers = {name: image.keep(f"folded/{name}", x) for name, x in found.items()}
     return {"values": at, "motors": motors, **numbers}
-
-
-class _Kept:
-    """Takes arrays that only the page reads."""
-
-    def __init__(self, image: Image) -> None:
-        self._image = image
-
-    def __call__(self, name: str, values: Any) -> int:
-        array = np.asarray(values, dtype=float).ravel()
-        self._image.names[f"out/{name}"] = len(self._image.arrays)
-        self._image.arrays.append((array.size, "k", array))
-        return len(self._image.arrays) - 1
 
 
 def tables_of(mechanism: Mechanism) -> dict[str, Array]:
@@ -548,7 +459,7 @@ def tables_of(mechanism: Mechanism) -> dict[str, Array]:
     if scene.by_forces:
         found["0/weight"] = np.asarray(dynamics.strain.stiffness, float).ravel()
     image = Image()
-    outputs(mechanism, dynamics.system, _Kept(image))
+    outputs(mechanism, dynamics.system, image.keep)
     of_page = {name: np.asarray(image.arrays[k][2]) for name, k in image.names.items()}
     return {name: x for name, x in (found | of_page).items() if x.size}
 
@@ -569,24 +480,8 @@ def _nominal_rates(scene: Scene, system: Any) -> list[list[float]]:
     return [v.tolist(), a.tolist()]
 
 
-def _wide(tables: Tables, pattern: dict[str, IntArray] | None) -> Tables:
-    """The tables with entries of zero where a slider may have others."""
-    if pattern is None:
-        return tables
-    found = widened(_flat(tables), pattern)
-    assert found is not None
-    return Tables(tables.counts, tables.arrays | found)
-
-
 def _flat(tables: Tables) -> dict[str, Array]:
     return {name: np.asarray(x, float).ravel() for name, x in tables.arrays.items() if x.size}
-
-
-def _add_tables(image: Image, tables: Tables) -> int:
-    arrays = tables.arrays
-    addresses = {name: array.ctypes.data for name, array in arrays.items()}
-    image.add_arrays(arrays, addresses, {name: name for name in arrays})
-    return image.add_structure(tables._structure)
 
 
 def _add_march(image: Image, stages: StageKernel, kernel: MarchKernel, head: str) -> None:

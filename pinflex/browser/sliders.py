@@ -269,7 +269,7 @@ def changes(
             return None
         if slider.acts != "section":
             return slider, own
-        wide = {p: _wide(x, pattern) for p, x in zip(_places(slider), own, strict=True)}
+        wide = {p: widened(x, pattern) for p, x in zip(_places(slider), own, strict=True)}
         return (slider, own) if _polynomial(slider, wide).error <= _BEYOND else None
 
     seen = [tables(load(description, base))]
@@ -288,7 +288,7 @@ def changes(
     assert pattern is not None  # of those that fit, which the first alone does
 
     def at(slider: Slider, p: float) -> Tables:
-        return _wide(plain(slider, p), pattern)
+        return widened(plain(slider, p), pattern)
 
     works, done = list[Slider](), dict[str, Change]()
     for slider in usable:
@@ -311,12 +311,6 @@ def changes(
         else:
             room -= size
     return Changes(tuple(works), done, pattern, left)
-
-
-def _wide(tables: Tables, pattern: dict[str, IntArray]) -> Tables:
-    found = widened(tables, pattern)
-    assert found is not None  # the pattern is of tables that these are among
-    return found
 
 
 def _ranges(slider: Slider) -> list[Slider]:

@@ -289,7 +289,8 @@ def command(
     motion = motion if motion is not None else default_motion(mechanism)
     _require_smooth(mechanism, motion)
     held = tuple(coordinates or (motion.names if motion.target == "platform" else ()))
-    poles = internal_poles(mechanism, motion, held) if _asks(level, before, after) else None
+    looks = level == "exact" or before is None or after is None
+    poles = internal_poles(mechanism, motion, held) if looks else None
     ahead, behind = _rests(mechanism.name, poles, level, before, after)
     span = ahead + motion.duration + behind
     over = instants_over(mechanism, motion.duration) if level == "exact" else _INSTANTS
@@ -348,11 +349,6 @@ def _require_numbers(
             raise DescriptionError(f"{name}: command: {key} = {time!r}. Give seconds, 0 or more.")
 
 
-def _asks(level: str, before: float | None, after: float | None) -> bool:
-    """Whether a command asks what rest the internal dynamics need."""
-    return level == "exact" or before is None or after is None
-
-
 def _rests(
     name: str, poles: Poles | None, level: str, before: float | None, after: float | None
 ) -> tuple[float, float]:
@@ -397,11 +393,12 @@ def _on_grid(
     window = np.zeros(len(wanted.names))
     if poles is not None and answer.swing is not None:
         window = poles.cut_off(ahead) * answer.missed + answer.swing
+    slides = sliding(mechanism.rigid.rigid)
     found = Command(
         name=mechanism.name,
         level=level,
         motors=mechanism.motors,
-        units=_units(mechanism),
+        units=tuple(joint_unit("torque", name in slides) for name in mechanism.motors),
         t=t[kept],
         position=position[kept],
         velocity=curve(t[kept], 1),
@@ -454,11 +451,6 @@ def _both_sides(
         _, name, quantity = key.split("/")
         found.setdefault(name, {})[quantity] = values[kept]
     return found
-
-
-def _units(mechanism: Mechanism) -> tuple[str, ...]:
-    slides = sliding(mechanism.rigid.rigid)
-    return tuple(joint_unit("torque", name in slides) for name in mechanism.motors)
 
 
 def _require_smooth(mechanism: Mechanism, motion: Motion) -> None:

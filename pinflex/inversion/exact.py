@@ -426,9 +426,9 @@ def flat(mechanism: Mechanism, motion: Motion, wanted: Target) -> Flat | None:
         compliance[names.index(gear.joint)] = 1.0 / system.K[k, k]
     n = _FIRST
     while True:
-        nodes = pieces.nodes(n)
+        nodes, x = pieces.nodes(n), -np.cos(np.pi * np.arange(n + 1) / n)
         T = _on_gears(mechanism, later, nodes.ravel()).reshape(*nodes.shape, -1)
-        c = np.array([_coefficients(x) for x in T * compliance])
+        c = np.linalg.inv(chebyshev.chebvander(x, n)) @ (T * compliance)
         last = np.max(np.abs(c[:, -2:]), axis=(0, 1))
         lost = float(np.max(last / np.maximum(np.max(np.abs(c), axis=(0, 1)), 1e-300)))
         if lost < _SETTLED or 2 * n > _HIGHEST:
@@ -464,13 +464,3 @@ def _at_motors(mechanism: Mechanism, v: Array, a: Array) -> Array:
     force = every * np.diag(system.D)
     force[:, system.friction.rows] += system.friction.force(every)
     return np.asarray(force[:, rows] + system.rigid.armature[rows] * a)
-
-
-def _coefficients(values: Array) -> Array:
-    """Chebyshev coefficients of values (n + 1, k) at the points of `PiecewiseChebyshev.nodes`."""
-    n = len(values) - 1
-    x = np.arange(n + 1)
-    T = np.cos(np.pi * np.outer(x, x) / n) * np.where(x % n, 1.0, 0.5)
-    c = (2.0 / n) * T @ values[::-1]  # the nodes run from -1 to 1
-    c[[0, -1]] *= 0.5
-    return np.asarray(c)

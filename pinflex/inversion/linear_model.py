@@ -206,7 +206,7 @@ class Balanced:
         free = system.free if driven else system.unheld
         N = np.zeros((system.nv, len(free)))
         N[free] = np.eye(len(free))
-        N = N @ (null_space(J[:, free]) if len(J) else np.eye(len(free)))
+        N = N @ null_space(J[:, free])
         W = np.zeros((system.nv, 0))
         if driven:
             W = _followers(system.nv, system.motors, free, J)

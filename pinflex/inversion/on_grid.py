@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from pinflex.inversion.target import Balanced, Instant, Target, balanced, delaye
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import eigh, lapack, null_space, saddle, saddle_matrix
+from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -84,16 +84,11 @@ def instants_over(mechanism: Mechanism, duration: float) -> int:
         return _LEAST
     share = (f[0] / f) ** _CORNER
     allowed = _SHARE / np.sum(share > _SHARE) / share
-    phase = np.linspace(0.0, np.pi, 721)[1:]
-    missed = np.abs(_second(phase) / phase**2 - 1.0)  # grows with the phase
+    phase, reach = np.linspace(0.0, np.pi, 721)[1:], np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
+    seen = -np.cos(np.outer(phase, reach)) @ EIGHTH.second  # the square of the phase
+    missed = np.abs(seen / phase**2 - 1.0)  # grows with the phase
     longest = np.interp(allowed, missed, phase, right=np.inf) / (2.0 * np.pi * f)
     return max(_LEAST, int(np.ceil(duration / float(np.min(longest)))))
-
-
-def _second(phase: Array) -> Array:
-    """Square of a rate (phase per instant) as differences of order 8 see it."""
-    reach = np.arange(-EIGHTH.reach, EIGHTH.reach + 1)
-    return np.asarray(-np.cos(np.outer(phase, reach)) @ EIGHTH.second)
 
 
 # What a flexible mechanism does with a command: its vibration about the poses that were planned.
@@ -115,15 +110,6 @@ def _second(phase: Array) -> Array:
 _NODES = 16  # intervals over the motion in which matrices are straight lines: the defect tells
 
 
-class _Matrices(NamedTuple):
-    """M, C, K (free, free) and J (rows, free) of the coordinates that no motor drives."""
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-
-
 class Forward:
     """The forward equations, linearised along the motion of poses that balance a path.
 
@@ -139,7 +125,7 @@ class Forward:
         every = [self._matrices(int(k), found, v, a) for k in at]
         self._from = every
         self._rise = [
-            _Matrices(*(y - x for x, y in zip(*pair, strict=True)))
+            Tangent(*(y - x for x, y in zip(*pair, strict=True)))
             for pair in zip(every, [*every[1:], every[-1]], strict=True)
         ]
         inside = np.clip(np.arange(len(found.y)), at[0], at[-1])
@@ -177,12 +163,13 @@ class Forward:
         v[:, rows], a[:, rows] = curve(t, 1), curve(t, 2)
         return v, a, own
 
-    def _matrices(self, k: int, found: Balanced, v: Array, a: Array) -> _Matrices:
+    def _matrices(self, k: int, found: Balanced, v: Array, a: Array) -> Tangent:
+        """Of the coordinates that no motor drives."""
         instant = self._instant
         free, t = instant.free, float(instant.target.t[k])
         M, C, K, J = instant.dynamics.tangent(found.y[k], v[k], a[k], found.lam[k], t)
         square = np.ix_(free, free)
-        return _Matrices(M[square], C[square], K[square], J[:, free])
+        return Tangent(M[square], C[square], K[square], J[:, free])
 
     def _open(self, y: Array, lam: Array, motors: Array) -> tuple[Array, Array, Array]:
         """Forces left open (nt, free), of closures (nt, rows), of the platform (nt, k)."""
@@ -249,59 +236,6 @@ _ENOUGH = 1e-9  # m or rad: a smaller error is below what the differences resolv
 
 
 @dataclass(frozen=True)
-class Series:
-    """The passes of a quasistatic command.
-
-    Attributes:
-        found: The pass with the smallest error.
-        error: Bar on its platform coordinates [m | rad], shape (k,).
-        changes: Largest change of a motor position from pass to pass [m | rad].
-    """
-
-    found: Balanced
-    error: Array
-    changes: tuple[float, ...]
-
-
-def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
-    """The undeformed mechanism on the path, and its v and a."""
-    path, system = instant.target.path, instant.system
-    nt, n = len(path.t), path.v.shape[1]
-    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
-    v[:, :n], a[:, :n] = path.v, path.a
-    lam = np.zeros((nt, instant.rows))
-    torque = np.zeros((nt, len(system.motors)))
-    return Balanced(path.straight(system.n_eta), lam, torque), v, a
-
-
-def series(instant: Instant, kept: slice = slice(None)) -> Series:
-    """Balance along the path, again and again, until the platform's error grows."""
-    guess, v, a = rigid_guess(instant)
-    h = float(instant.target.t[1] - instant.target.t[0])
-    last = balanced(instant, guess, v, a)
-    forward, by_platform = Forward(instant, last), np.linalg.pinv(instant.target.gain[0])
-    best, smallest, changes = last, np.inf, list[float]()
-    bar = np.full(len(instant.target.names), np.inf)
-    for _ in range(_PASSES):
-        error = forward.platform_error(last, kept)
-        size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
-        if size < smallest:
-            best, bar = last, error
-        if not _ENOUGH < size < smallest:
-            break
-        smallest = size
-        v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
-        try:
-            following = balanced(instant, last, v, a)
-        except ConvergenceError:
-            break
-        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
-        changes.append(float(np.max(np.abs(moved))))
-        last = following
-    return Series(best, bar, tuple(changes))
-
-
-@dataclass(frozen=True)
 class Grid:
     """What is known on one grid, to begin with on a finer one.
 
@@ -349,6 +283,46 @@ class Answer:
     grid: Grid | None = None
 
 
+def rigid_guess(instant: Instant) -> tuple[Balanced, Array, Array]:
+    """The undeformed mechanism on the path, and its v and a."""
+    path, system = instant.target.path, instant.system
+    nt, n = len(path.t), path.v.shape[1]
+    v, a = np.zeros((nt, system.nv)), np.zeros((nt, system.nv))
+    v[:, :n], a[:, :n] = path.v, path.a
+    lam = np.zeros((nt, instant.rows))
+    torque = np.zeros((nt, len(system.motors)))
+    return Balanced(path.straight(system.n_eta), lam, torque), v, a
+
+
+def series(instant: Instant, kept: slice = slice(None)) -> Answer:
+    """Balance along the path, again and again, until the platform's error grows: the best pass."""
+    guess, v, a = rigid_guess(instant)
+    h = float(instant.target.t[1] - instant.target.t[0])
+    last = balanced(instant, guess, v, a)
+    forward, by_platform = Forward(instant, last), np.linalg.pinv(instant.target.gain[0])
+    best, smallest, changes = last, np.inf, list[float]()
+    bar = np.full(len(instant.target.names), np.inf)
+    for _ in range(_PASSES):
+        error = forward.platform_error(last, kept)
+        size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
+        if size < smallest:
+            best, bar = last, error
+        if not _ENOUGH < size < smallest:
+            break
+        smallest = size
+        v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
+        try:
+            following = balanced(instant, last, v, a)
+        except ConvergenceError:
+            break
+        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
+        changes.append(float(np.max(np.abs(moved))))
+        last = following
+    apart = instant.axes.read(best.y) - instant.target.motors
+    missed = _at_platform(instant.target.gain[kept], apart[kept])
+    return Answer(best, bar, missed, changes=tuple(changes))
+
+
 def on_grid(
     instant: Instant, motion: Motion, level: str, kept: slice, coarser: Grid | None = None
 ) -> Answer:
@@ -358,15 +332,13 @@ def on_grid(
         reference, start = (coarser.carried(x, instant) for x in (coarser.slow, coarser.found))
         return _exact(instant, motion, reference, start, coarser.missed, kept)
     slow = series(instant, kept)
-    apart = instant.axes.read(slow.found.y) - wanted.motors
-    missed = _at_platform(wanted.gain[kept], apart[kept])
     if level == "quasistatic":
-        return Answer(slow.found, slow.error, missed, changes=slow.changes)
+        return slow
     if level == "rigid":
         law = delayed(motion, wanted.before)
         torque = solve_rigid(instant.mechanism, law, wanted.t).torque
-        return Answer(replace(rigid_guess(instant)[0], torque=torque), missed, missed)
-    return _exact(instant, motion, slow.found, slow.found, missed, kept)
+        return Answer(replace(rigid_guess(instant)[0], torque=torque), slow.missed, slow.missed)
+    return _exact(instant, motion, slow.found, slow.found, slow.missed, kept)
 
 
 def _exact(

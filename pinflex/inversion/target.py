@@ -363,8 +363,10 @@ class _Balance:
             if self._inverse is None:
                 k = int(at[middle])
                 found = self.instant.tangents(k, y[middle], v[middle], a[middle], lam[middle])
+                none = np.zeros((len(found.J), found.lam.shape[1]))
+                square = np.block([[found.K, found.lam], [found.J, none]])
                 # a product each is cheaper than solving
-                self._inverse = np.asarray(np.linalg.inv(_square(found)), float)
+                self._inverse = np.asarray(np.linalg.inv(square), float)
             step = -(e @ self._inverse.T)
             size = float(np.max(np.abs(step[:, :n])))
             if not size < 1e3:  # not a number either
@@ -388,9 +390,3 @@ class _Balance:
         n, last = self.instant.system.nv, at[-1]
         self._lacked[:n] = self.instant.dynamics.difference(self.guess.y[last], y[-1])
         self._lacked[n:] = lam[-1] - self.guess.lam[last]
-
-
-def _square(found: Tangents) -> Array:
-    rows = found.lam.shape[1]
-    zero = np.zeros((len(found.J), rows))
-    return np.block([[found.K, found.lam], [found.J, zero]])

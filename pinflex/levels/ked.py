@@ -69,11 +69,6 @@ class Response(NamedTuple):
     a: Array
     lam: Array
 
-    @classmethod
-    def empty(cls, steps: int, n: int, closures: int) -> Response:
-        """Room for one."""
-        return cls(*(np.empty((steps, width)) for width in (n, n, n, closures)))
-
     def put(self, k: int, state: State) -> None:
         """Write a step."""
         self.d[k], self.v[k], self.a[k], self.lam[k] = state.d, state.v, state.a, state.lam
@@ -264,7 +259,7 @@ class RunningMarch:
     def __init__(self, march: LinearMarch) -> None:
         self._march, count = march, len(march.grid.t)
         closures, n = march.parts[3].shape
-        self.response = Response.empty(count, n, closures)
+        self.response = Response(*(np.empty((count, k)) for k in (n, n, n, closures)))
         self._load, self._state = np.empty((count, n)), np.empty((4, n))
         self._start, self._compiled = np.zeros(n), march.compiled
         self._plain: Iterator[State] | None = None
@@ -322,11 +317,7 @@ def solve_ked(
     close: float | None = None,
     every: int = 1,
 ) -> Run:
-    """March the linear deviation; one linear system a step.
-
-    Returns:
-        The run: nominal motion plus deviation, torques included.
-    """
+    """March the linear deviation, one linear system a step: the nominal motion and this."""
     level = _Ked(mechanism, motion, t, structural, every)
     begin = level.predict(start)
     systems = level.residual(close or (_CLOSE if isinstance(method, Alpha) else _CLOSER))

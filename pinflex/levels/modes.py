@@ -19,7 +19,6 @@ from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.description.motions.trajectory import read as read_shaper
-from pinflex.description.motions.trajectory import shaped
 from pinflex.description.reading.schema import number
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
@@ -96,21 +95,17 @@ def _speeds(mechanism: Mechanism, given: Mapping[str, float]) -> Array:
 
 
 def whirl(dynamics: Equations, state: Moving, free: IntArray) -> tuple[Array, Array]:
-    """Eigenvalues s [1/s] and shapes of the vibration about a state, slowest first.
+    """Eigenvalues s (k,) [1/s] of the vibration about a state, slowest first, and shapes (nv, k).
 
-    Of a pair the one that turns forward is kept; of a divergence s and -s the growing one.
-
-    Returns:
-        s (k,), complex; shapes (nv, k), complex, of unit mass.
+    Both are complex, shapes of unit mass. Of a pair the one that turns forward is kept; of a
+    divergence s and -s the growing one.
     """
     system = dynamics.system
     M, C, K = (
         A[np.ix_(free, free)]
         for A in dynamics.tangent(state.y, state.v, state.a, state.lam, state.t)[:3]
     )
-    Z = np.eye(len(free))
-    if system.closed.n:
-        Z = null_space(dynamics.close(state.y)[1][:, free])
+    Z = allowed_motions(dynamics, state.y, free)
     M, C, K = (Z.T @ A @ Z for A in (M, C, K))
     s, x = _quadratic(M, C, K)
     mass = np.sqrt(np.abs(np.einsum("ik,ij,jk->k", x.conj(), M, x)))
@@ -363,8 +358,6 @@ def base_state(mechanism: Mechanism) -> str:
 
 def allowed_motions(dynamics: Equations, y: Array, free: IntArray) -> Array:
     """Basis of what the closures leave of the free coordinates, shape (free, n)."""
-    if not dynamics.system.closed.n:
-        return np.eye(len(free))
     return null_space(dynamics.close(y).J[:, free])
 
 
@@ -446,12 +439,9 @@ def _written(mechanism: Mechanism) -> Motion:
     asked = read_shaper(block.get("shaper"), where)
     if asked is None:
         return motion
-    if asked.frequencies:
-        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
-    from pinflex.levels.ringing import ringing  # which asks for modes
+    from pinflex.levels.ringing import shaped_as  # which asks for modes
 
-    found = ringing(mechanism, motion, asked.modes)
-    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+    return shaped_as(mechanism, motion, asked)
 
 
 def default_step(mechanism: Mechanism, end: float) -> float:

@@ -110,8 +110,6 @@ def balance(
 
     Where full Newton fails, the load is put on in parts, in so many iterations (`patience`) in all.
 
-    Returns:
-        The equilibrium.
     Raises:
         ConvergenceError: No equilibrium found (a structure that buckles or a mechanism that falls).
     """
@@ -272,7 +270,7 @@ def unstable_directions(
     negative = negative_directions(K, J)
     if not (negative and acts_without_potential(dynamics.system, t)):
         return negative
-    Z = null_space(J) if len(J) else np.eye(len(free))
+    Z = null_space(J)
     x, _, omega2 = condensed(Z.T @ K @ Z, Z.T @ dynamics.mass(y, t)[np.ix_(free, free)] @ Z)
     s, _ = coupled(0.5 * Z.T @ (K - K.T) @ Z, x, omega2)
     return int(np.sum((s.imag == 0) & (s.real > 0)))
@@ -320,10 +318,8 @@ def solve_quasistatic(
 ) -> Run:
     """Balance eta and the free joints with the nominal inertia forces at each instant.
 
-    Returns:
-        The run; v and a are those of the rigid motion, with the links as they are bent.
-    Raises:
-        ConvergenceError: With `.result` up to the last balanced instant.
+    v and a are those of the rigid motion, with the links as they are bent. A ConvergenceError has
+    the run so far as its `.result`.
     """
     level = _Quasistatic(mechanism, motion, t)
     for k in range(len(t)):
@@ -367,11 +363,7 @@ class _Quasistatic:
         return self.dynamics.integrate(self.prescribe(k), self.offset)
 
     def correct(self, k: int, y: Array) -> Equilibrium:
-        """The equilibrium of an instant, by Newton on the residual (`balance`).
-
-        Raises:
-            ConvergenceError: There is none, or none near that of the instant before.
-        """
+        """The equilibrium of an instant (`balance`); refused where it is not near that before."""
         now, free, where = float(self.path.t[k]), self.system.free, f"t = {self._t[k]:.6g} s"
         where = f"{self._name}: {where}"
         found = balance(

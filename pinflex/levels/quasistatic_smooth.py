@@ -180,11 +180,7 @@ class Equilibria:
         far: bool = False,
         rounds: int | None = None,
     ) -> Array:
-        """Packed equilibria, shape (n, width).
-
-        Raises:
-            _Unclear: An instant needs closer attention.
-        """
+        """Packed equilibria, shape (n, width); `_Unclear` where one needs closer attention."""
         system, n = self._system, len(path.t)
         free, close = system.free, close or self._close
         gap = max(_CLOSED, close * _largest(guess[:, : system.nv]))
@@ -253,13 +249,7 @@ def solve_equilibria(
     asked: Sequence[str] = ASKED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
-    """Level quasistatic at samples t (s).
-
-    Returns:
-        The run; v and a are those of the rigid motion, with the links as they are bent.
-    Raises:
-        ConvergenceError: With `.result` up to the last balanced instant.
-    """
+    """Level quasistatic at samples t (s), as `solve_quasistatic` has it."""
     if motion.kind == "hold" and tol is None and not mechanism.flexible.loads.timed:
         once = solve_quasistatic(mechanism, motion, t[:1])  # nothing differs between instants
         return replace(once.at(np.zeros(len(t), dtype=np.intp)), t=np.asarray(t, float))

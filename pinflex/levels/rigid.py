@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.arrays import Array, spans
@@ -47,13 +46,10 @@ def inverse_dynamics(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Arra
 
 
 def multipliers(mechanism: Mechanism, J: Array, r: Array) -> tuple[Array, Array]:
-    """Multipliers and motor torques that balance r - J' lam = S' tau, at n instants.
+    """Multipliers (n, rows) and motor torques (n, nm) that balance r - J' lam = S' tau.
 
     More motors than freedoms share as stiff drives do: of all torques that balance, those with the
     least sum of tau^2 / stiffness.
-
-    Returns:
-        lam (n, rows), tau (n, nm).
     """
     lam, torque, _ = correct(mechanism, J, r)
     return lam, torque
@@ -105,11 +101,7 @@ def sharing(mechanism: Mechanism) -> str:
 
 
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
-    """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau.
-
-    Returns:
-        The run, with motor torques and closure multipliers.
-    """
+    """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau."""
     path, dynamics = prescribe(mechanism, motion, t), Equations(mechanism.rigid)
     some = (path.at(at) for at in spans(len(t)))  # a long motion shall not fill the memory
     return accept(mechanism, path, [correct(mechanism, *residual(dynamics, x)) for x in some])
@@ -237,19 +229,16 @@ def senses(mechanism: Mechanism) -> Array:
     """
     model, closed = mechanism.rigid.expansion.model, mechanism.rigid.closed
     slides, found = sliding(model), np.zeros(len(mechanism.motors))
-    data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.home)
-    poses = np.array([[*each.rotation.T.ravel(), *each.translation] for each in data.oMi])
-    held = closed.frames(poses[None])[0, :, :, 3]
+    at = Equations(mechanism.rigid).kinematics(mechanism.home)
+    places, held = at.poses[0, :, 9:], closed.frames(at.poses)[0, :, :, 3]
     for k, name in enumerate(mechanism.motors):
         if name not in slides:
             continue
         joint = model.getJointId(name)
-        row, parent = int(model.idx_vs[joint]), int(model.parents[joint])
-        column = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[:3, row]
-        place = data.oMi[joint].translation
-        begin = data.oMi[parent].translation if parent else place
-        ends = [data.oMi[j].translation for j in model.children[joint]]
+        column, parent = at.J[0, :3, int(model.idx_vs[joint])], int(model.parents[joint])
+        place = places[joint]
+        begin = places[parent] if parent else place
+        ends = [places[j] for j in model.children[joint]]
         ends += [p for p, body in zip(held, closed.bodies, strict=True) if int(body) == joint]
         ahead = [float(column @ (end - begin)) for end in (*ends, place)]
         found[k] = -1.0 if max(ahead, key=abs) < 0.0 else 1.0

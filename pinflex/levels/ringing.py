@@ -18,7 +18,7 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.trajectory import MODES
+from pinflex.description.motions.trajectory import MODES, ShaperSpec, shaped
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import Modes, allowed_motions, modes, vibrating
 from pinflex.mechanics.evaluation.equations import Equations
@@ -109,6 +109,14 @@ def ringing(mechanism: Mechanism, motion: Motion, count: int | None = None) -> R
     return Ringing(
         at + 1, middle[at], low[at], high[at], damping.mean(axis=0)[at], share[at] / left.sum()
     )
+
+
+def shaped_as(mechanism: Mechanism, motion: Motion, asked: ShaperSpec) -> Motion:
+    """A motion with a shaper, of given frequencies or of the modes that it excites."""
+    if asked.frequencies:
+        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+    found = ringing(mechanism, motion, asked.modes)
+    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
 
 
 def _excited(mechanism: Mechanism, motion: Motion) -> tuple[Array, Array, Array]:

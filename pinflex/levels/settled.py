@@ -98,7 +98,7 @@ def settle(
 def loose_directions(dynamics: Equations, found: Equilibrium, free: IntArray, t: float) -> int:
     """How many directions nothing holds at an equilibrium: there the position is one of many."""
     _, _, K, J = dynamics.tangent(found.y, found.v, found.a, found.lam, t)
-    Z = null_space(J[:, free]) if len(J) else np.eye(len(free))
+    Z = null_space(J[:, free])
     M = _masses(dynamics, found.y, free)
     root = np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z))
     held = root @ (Z.T @ (0.5 * (K + K.T)[np.ix_(free, free)]) @ Z) @ root.T

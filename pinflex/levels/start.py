@@ -25,6 +25,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks, frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.tree import joint_rows
 from pinflex.results.result import Result
 from pinflex.text import brief
 
@@ -335,10 +336,8 @@ def with_speeds(
     speeds: Speeds,
     driven: bool = False,
 ) -> Array:
-    """Velocities at the start with the given ones among them.
+    """Velocities (nv,) at the start with the given ones among them.
 
-    Returns:
-        Shape (nv,).
     Raises:
         DescriptionError: An unknown name, a prescribed one, or speeds that closures do not allow.
     """
@@ -357,7 +356,7 @@ def with_speeds(
                 named.append(row)
     free = np.setdiff1d(np.arange(system.nv), [*fixed, *named]).astype(np.intp)
     rows, given = _link_rows(dynamics, y, links)
-    J = dynamics.close(y)[1].copy() if dynamics.looped else np.zeros((0, system.nv))
+    J = dynamics.close(y).J
     A, b = np.vstack([J, rows]), np.concatenate([np.zeros(len(J)), given])
     if not links:
         rigid = free[free < dynamics.n_rigid]
@@ -408,14 +407,11 @@ def _sorted(
     links = list[tuple[str, Sequence[float | None]]]()
     frames = mechanism.flexible.expansion.frames
     for name, values in speeds:
-        parts = [x for x in (name, f"{name}.1", f"{name}.2") if model.existJointName(x)]
-        steps = [model.joints[model.getJointId(x)] for x in parts]
-        rows = [row for step in steps for row in range(step.idx_v, step.idx_v + step.nv)]
+        rows = joint_rows(model, name)
+        count = len(rows) or 3
         if rows:
-            count = len(rows)
             joints.append((name, rows, values))
         elif name in frames:
-            count = 3
             links.append((name, values))
         else:
             known = nearest(name, [*list(model.names)[1:], *frames])
@@ -483,7 +479,7 @@ def start_from(
     if not driven:
         motor_axes(mechanism).write(stands, path.position[0])
     off = float(np.max(np.abs(stands - y), initial=0.0))
-    gap = float(np.max(np.abs(dynamics.close(y)[0]), initial=0.0)) if dynamics.looped else 0
+    gap = float(np.max(np.abs(dynamics.close(y).c), initial=0.0))
     if off > _SAME or gap > _SAME:
         what = (
             f"its motors stand {off:.3g} (rad or m) away" if off > _SAME else "its loops are open"
@@ -541,17 +537,13 @@ def _struck(dynamics: Equations, y: Array, v: Array, speed: Array) -> Array:
     pull = M[np.ix_(free, system.motors)] @ jump
     # Coordinates without mass have no momentum to keep: they stay as they move.
     v[free] -= np.linalg.lstsq(M[np.ix_(free, free)], pull, rcond=1e-12)[0]
-    if not dynamics.looped:
-        return v
-    J = dynamics.close(y)[1]
+    J = dynamics.close(y).J
     return corrected(dynamics, y, v, J, np.zeros(len(J)), free)
 
 
 def _require_closed(dynamics: Equations, y: Array, v: Array, where: str) -> None:
     """Raise where velocities would open the loops."""
-    if not dynamics.looped:
-        return
-    J = dynamics.close(y)[1]
+    J = dynamics.close(y).J
     if misses(J, np.zeros(len(J)), v, _SAME):
         raise DescriptionError(
             f"{where}: the velocities of {_ABOUT} open the loops by "

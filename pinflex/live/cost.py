@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -92,7 +92,9 @@ def step_cost(
     length, seen = path.shape[1], _disturbances()
     same: Callable[[], object] = _empty_call
     counts[:, 0] = at.iterations, at.refreshed, *seen()
-    with _undisturbed():
+    collects = gc.isenabled()
+    gc.disable()  # garbage collections are no part of a step
+    try:
         for k in range(steps):
             if k == min(_WARM, steps // 2):
                 same = _arithmetic(live, float(np.median(times[0, :k])) if k else 0.0)
@@ -110,6 +112,9 @@ def step_cost(
             times[1, k] = now() - begun
             begun = now()
             times[2, k] = now() - begun
+    finally:
+        if collects:
+            gc.enable()
     return _told(mechanism.name, dt, times, counts)
 
 
@@ -188,15 +193,3 @@ def _on_and_on(robot: Mechanism, dt: float) -> Array:
     for end in ends:
         end[1:] = 0.0
     return np.concatenate([there[:, 1:], ends[0], back[:, 1:], ends[1]], axis=1)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Without garbage collections, which are no part of a step."""
-    on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if on:
-            gc.enable()

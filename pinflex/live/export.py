@@ -75,19 +75,8 @@ def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
     return {
         "predict": engine.march.predictor, "y": now.y, "v": now.v, "a": now.a, "s": now.s,
         "lam": now.lam, "torque": now.torque, "position": engine.path.position[1],
-        "scale": engine.scale[1], "frame_node": outputs.frame_node,
-        "frame_place": outputs.frame_place, "tip_at": outputs.tip_at, "tip_n": outputs.tip_n,
-        "tip_curved": outputs.tip_curved, "tip_rows": outputs.tip_rows, "beam_at": outputs.beam_at,
-        "beam_n": outputs.beam_n, "beam_fibres": outputs.beam_fibres,
-        "beam_rows": outputs.beam_rows, "beam_rim": outputs.beam_rim, **_carried(outputs),
+        "scale": engine.scale[1], **outputs.tables,
     }  # fmt: skip
-
-
-def _carried(outputs: Outputs) -> dict[str, npt.NDArray[Any]]:
-    given = outputs.carried
-    if given is None:
-        return {}
-    return {"payload_place": given.place, "payload_inertia": given.inertia}
 
 
 def _model(live: Simulator, engine: Engine, outputs: Outputs) -> str:
@@ -95,11 +84,7 @@ def _model(live: Simulator, engine: Engine, outputs: Outputs) -> str:
     named += [] if engine.bounds.stops is None else ["low", "high"]
     fields = [".tables = &tables", ".joints = &joints", ".settings = &settings"]
     fields += [f".{name} = m_{name}" for name in named]
-    fields += [f".dt = {_number(live.dt)}", f".frames = {len(outputs.frame_node)}"]
-    fields += [f".tips = {len(outputs.tip_at)}", f".beams = {len(outputs.beam_at)}"]
-    carried = outputs.carried
-    node, mass = (-1, 0.0) if carried is None else (carried.node, carried.mass)
-    fields += [f".payload_node = {node}", f".payload_mass = {_number(mass)}"]
+    fields += [f".{key} = {_number(x)}" for key, x in {"dt": live.dt, **outputs.numbers}.items()]
     return f"const Model robot_model = {{{', '.join(fields)}}};\n"
 
 
@@ -276,9 +261,9 @@ def _parameters(outputs: Outputs) -> list[tuple[Signal, float]]:
     found = [
         (Signal("damping", "", "factor on the damping of joints and links, set at first"), 1.0)
     ]
-    if (carried := outputs.carried) is not None:
-        what = f"mass that {carried.frame} carries, set at first"
-        found.append((Signal("payload", "kg", what), carried.mass))
+    if outputs.carried is not None:
+        frame, mass = outputs.carried
+        found.append((Signal("payload", "kg", f"mass that {frame} carries, set at first"), mass))
     return found
 
 

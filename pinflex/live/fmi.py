@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.mechanism import Mechanism
@@ -36,51 +38,21 @@ class Signal:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Tables of `Model` in source/robot.h, and the names of what they tell, in its order.
+    """What a robot tells, in the order of `Model` in source/robot.h, and the tables behind it.
 
     Attributes:
         signals: Torque, position and speed of motors, pose of frames, deflection of tips, stress of
             beams.
-        frame_node, frame_place: Nodes of frames, and [R | p] in them, shapes (k,), (k, 12).
-        tip_at, tip_n, tip_curved: Of tips: first coordinate in y, number, whether with G.
-        tip_rows: Phi (3, n) and G (3, n, n) of each, in a row.
-        beam_at, beam_n, beam_fibres: Of beams: first coordinate, number, points of the rim.
-        beam_rows: E u', -E v'', -E w'' at stations (3, n), one after the other.
-        beam_rim: y, z of the points of the rim, one after the other.
-        carried: What is carried, as a parameter, or None.
+        tables, numbers: Arrays and numbers of `Model`, by field.
+        carried: The frame that carries a mass, which is a parameter, and that mass at first [kg].
     """
 
     __repr__ = brief
 
     signals: tuple[Signal, ...]
-    frame_node: IntArray
-    frame_place: Array
-    tip_at: IntArray
-    tip_n: IntArray
-    tip_curved: IntArray
-    tip_rows: Array
-    beam_at: IntArray
-    beam_n: IntArray
-    beam_fibres: IntArray
-    beam_rows: Array
-    beam_rim: Array
-    carried: Carried | None
-
-
-@dataclass(frozen=True)
-class Carried:
-    """A mass that a frame carries.
-
-    Attributes:
-        frame: Its name. mass: At first, kg. node: Of the tree of the kernel.
-        place: Its centre in the axes of the node, m. inertia: About it, of a kg, (3, 3), m^2.
-    """
-
-    frame: str
-    mass: float
-    node: int
-    place: Array
-    inertia: Array
+    tables: dict[str, npt.NDArray[Any]]
+    numbers: dict[str, float]
+    carried: tuple[str, float] | None
 
 
 def commands(mechanism: Mechanism, pushed: bool) -> tuple[Signal, ...]:
@@ -105,41 +77,51 @@ def _of_motors(
 def outputs_of(mechanism: Mechanism) -> Outputs:
     """What is told of a mechanism."""
     system, platform = mechanism.loose, mechanism.description.platform
+    names, beams = mechanism.description.reported, _whole(mechanism)
     signals = _of_motors(mechanism, ("torque", "position", "velocity"))
-    places, nodes = [], []
-    for name in mechanism.description.reported:
+    for name in names:
         head = "platform" if name == platform else f"frame {name}"
         for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
             what = "origin" if k < 3 else "rotation vector"
             signals.append(
                 Signal(f"{head} {axis}", "m" if k < 3 else "rad", f"{what} of {name}, {axis[-1]}")
             )
-        here = system.expansion.frames[name]
-        nodes.append(int(system.node_of_joints[here.joint]))
-        place = here.placement
-        places.append(np.column_stack([place.rotation, place.translation]).ravel())
-    at, n, curved, rows = [], [], [], [np.zeros(0)]
-    for slot in _whole(mechanism):
-        Phi, G = slot.body.rows(slot.body.length)
-        at.append(int(system.rigid.nq) + slot.eta.start)
-        n.append(slot.body.n)
-        curved.append(int(G is not None))
-        rows += [Phi[:3].ravel()] + ([] if G is None else [G[:3].ravel()])
-        signals += [
-            Signal(f"deflection {slot.link} {d}", "m", f"of the end of {slot.link}, along its {a}")
-            for d, a in zip("uvw", "xyz", strict=True)
-        ]
-    beams = _beams(mechanism)
     signals += [
-        Signal(f"stress {link}", "Pa", f"largest normal stress of {link}, by its strains")
-        for link in dict.fromkeys(beams[0])
+        Signal(f"deflection {x.link} {d}", "m", f"of the end of {x.link}, along its {a}")
+        for x in beams
+        for d, a in zip("uvw", "xyz", strict=True)
     ]
-    return Outputs(
-        tuple(signals), np.array(nodes, dtype=np.intp),
-        np.array(places).reshape(-1, 12), np.array(at, dtype=np.intp),
-        np.array(n, dtype=np.intp), np.array(curved, dtype=np.intp), np.concatenate(rows),
-        *beams[1:], _carried(mechanism),
-    )  # fmt: skip
+    signals += [
+        Signal(f"stress {x.link}", "Pa", f"largest normal stress of {x.link}, by its strains")
+        for x in beams
+    ]
+    frames = [system.expansion.frames[name] for name in names]
+    places = [np.column_stack([x.placement.rotation, x.placement.translation]) for x in frames]
+    tips = [x.body.rows(x.body.length) for x in beams]
+    rows = [part[:3].ravel() for tip in tips for part in tip if part is not None]
+    rims = [np.array(mechanism.parts[x.link].spec.section.fibres, np.float64) for x in beams]
+    at = _whole_numbers(int(system.rigid.nq) + x.eta.start for x in beams)
+    n = _whole_numbers(x.body.n for x in beams)
+    carried, carrier, place = _carried(mechanism)
+    tables = {
+        "frame_node": _whole_numbers(system.node_of_joints[x.joint] for x in frames),
+        "frame_place": np.array(places).reshape(-1, 12),
+        "tip_at": at, "tip_n": n, "tip_curved": _whole_numbers(G is not None for _, G in tips),
+        "tip_rows": _in_a_row(rows), "beam_at": at, "beam_n": n,
+        "beam_fibres": _whole_numbers(map(len, rims)),
+        "beam_rows": _in_a_row([_strains(mechanism, x) for x in beams]),
+        "beam_rim": _in_a_row(rims), **place,
+    }  # fmt: skip
+    counts = {"frames": len(frames), "tips": len(beams), "beams": len(beams)}
+    return Outputs(tuple(signals), tables, counts | carrier, carried)
+
+
+def _whole_numbers(values: Iterable[int]) -> IntArray:
+    return np.array([*values], dtype=np.intp)
+
+
+def _in_a_row(parts: Sequence[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *(x.ravel() for x in parts)])
 
 
 def _whole(mechanism: Mechanism) -> list[Slot]:
@@ -148,41 +130,31 @@ def _whole(mechanism: Mechanism) -> list[Slot]:
     return [x for x in slots if len(parts[x.link].bodies) == 1 and x.body.solid is None]
 
 
-def _beams(mechanism: Mechanism) -> tuple[list[str], IntArray, IntArray, IntArray, Array, Array]:
-    """Links of one beam each, and the tables of their stress."""
-    names, at, n, fibres, rows, rims = [], [], [], [], [np.zeros(0)], [np.zeros(0)]
-    for slot in _whole(mechanism):
-        part = mechanism.parts[slot.link]
-        x = np.linspace(0.0, slot.body.length, STATIONS)
-        fields, none = slot.body.fields(x), np.zeros((STATIONS, slot.body.n))
-        E, section = part.spec.material.E, part.spec.section
-        each = (("axial", E), ("curvature_v", -E), ("curvature_w", -E))
-        stacked = np.stack([factor * fields.get(key, none) for key, factor in each], axis=1)
-        names.append(slot.link)
-        at.append(int(mechanism.loose.rigid.nq) + slot.eta.start)
-        n.append(slot.body.n)
-        fibres.append(len(section.fibres))
-        rows.append(stacked.ravel())
-        rims.append(np.array(section.fibres, dtype=np.float64).ravel())
-    lists = (np.array(x, dtype=np.intp) for x in (at, n, fibres))
-    return names, *lists, np.concatenate(rows), np.concatenate(rims)  # type: ignore[return-value]
+def _strains(mechanism: Mechanism, slot: Slot) -> Array:
+    """E u', -E v'' and -E w'' at stations by the coordinates of a beam, shape (stations, 3, n)."""
+    E = mechanism.parts[slot.link].spec.material.E
+    fields = slot.body.fields(np.linspace(0.0, slot.body.length, STATIONS))
+    none = np.zeros((STATIONS, slot.body.n))
+    each = (("axial", E), ("curvature_v", -E), ("curvature_w", -E))
+    return np.stack([factor * fields.get(key, none) for key, factor in each], axis=1)
 
 
-def _carried(mechanism: Mechanism) -> Carried | None:
-    """What the YAML says is carried, or nothing yet, at the platform."""
+def _carried(
+    mechanism: Mechanism,
+) -> tuple[tuple[str, float] | None, dict[str, float], dict[str, Array]]:
+    """What the YAML says is carried, or nothing yet, at the platform; its numbers and tables."""
     system, payload = mechanism.loose, mechanism.description.payload
     frame = mechanism.description.platform if payload is None else payload.frame
-    place = None if frame is None else system.expansion.frames.get(frame)
-    if frame is None or place is None:
-        return None
-    node = int(system.node_of_joints[place.joint])
-    if node < 0:
-        return None
-    R, p = place.placement.rotation, place.placement.translation
-    if payload is None or payload.mass <= 0.0:
-        return Carried(frame, 0.0, node, p, np.zeros((3, 3)))
-    inertia = R @ payload.tensor @ R.T / payload.mass
-    return Carried(frame, payload.mass, node, p + R @ np.array(payload.centre), inertia)
+    at = None if frame is None else system.expansion.frames.get(frame)
+    node = -1 if at is None else int(system.node_of_joints[at.joint])
+    if frame is None or at is None or node < 0:
+        return None, {"payload_node": -1, "payload_mass": 0.0}, {}
+    mass, centre, inertia = 0.0, at.placement.translation, np.zeros((3, 3))
+    if payload is not None and payload.mass > 0.0:
+        R, mass = at.placement.rotation, payload.mass
+        centre, inertia = centre + R @ np.array(payload.centre), R @ payload.tensor @ R.T / mass
+    numbers = {"payload_node": node, "payload_mass": mass}
+    return (frame, mass), numbers, {"payload_place": centre, "payload_inertia": inertia}
 
 
 def _motor_unit(mechanism: Mechanism, kind: str, motor: str) -> str:

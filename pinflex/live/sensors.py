@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -78,54 +77,37 @@ def number(value: object) -> float:
         return math.nan
 
 
-class Placed(Protocol):
-    """A sensor at its place."""
-
-    def read(self, compiled: Compiled, state: Sequence[Array]) -> Array:
-        """What it reads at y, v and a, of shape (1, n) each."""
+# What a sensor reads at y, v and a, of shape (1, n) each.
+Read = Callable[[Compiled, Sequence[Array]], Array]
 
 
-def placed(mechanism: Mechanism, name: str, sensor: object) -> Placed:
-    """A sensor at its place.
-
-    Raises:
-        DescriptionError: It is none, or what it sits on does not exist.
-    """
+def placed(mechanism: Mechanism, name: str, sensor: object) -> Read:
+    """A sensor at its place; raises DescriptionError where it is none, or what it sits on."""
     where = f"{mechanism.name}: sensors: {name}"
     if isinstance(sensor, Encoder):
-        return _Encoder(mechanism, sensor, where)
+        return _encoder(mechanism, sensor, where)
     if isinstance(sensor, StrainGauge):
-        return _Gauge(mechanism, sensor, where)
+        at, row = gauge_row(mechanism, sensor, where)
+        return lambda compiled, state: np.array(row @ state[0][0, at])
     if isinstance(sensor, Imu):
-        return _Imu(mechanism, sensor)
+        return _imu(mechanism, sensor)
     raise DescriptionError(f"{where}: no sensor. Give pf.Encoder, pf.StrainGauge or pf.Imu.")
 
 
-class _Encoder:
-    def __init__(self, mechanism: Mechanism, given: Encoder, where: str) -> None:
-        names = mechanism.motors
-        if given.motor not in names:
-            raise DescriptionError(
-                f"{where}: {given.motor}: not a motor.{nearest(given.motor, names)}"
-            )
-        if not 0.0 <= number(given.resolution) < np.inf:
-            said = shown(given.resolution)
-            raise DescriptionError(f"{where}: resolution: {said}. Give 0 or more.")
-        self._axes, self._at = motor_axes(mechanism), names.index(given.motor)
-        self._step = float(given.resolution)
+def _encoder(mechanism: Mechanism, given: Encoder, where: str) -> Read:
+    names = mechanism.motors
+    if given.motor not in names:
+        raise DescriptionError(f"{where}: {given.motor}: not a motor.{nearest(given.motor, names)}")
+    if not 0.0 <= number(given.resolution) < np.inf:
+        said = shown(given.resolution)
+        raise DescriptionError(f"{where}: resolution: {said}. Give 0 or more.")
+    axes, at, step = motor_axes(mechanism), names.index(given.motor), float(given.resolution)
 
-    def read(self, compiled: Compiled, state: Sequence[Array]) -> Array:
-        position = self._axes.read(state[0][0])[self._at]
-        counted = self._step * np.round(position / self._step) if self._step else position
-        return np.array(counted)
+    def read(compiled: Compiled, state: Sequence[Array]) -> Array:
+        position = axes.read(state[0][0])[at]
+        return np.array(step * np.round(position / step) if step else position)
 
-
-class _Gauge:
-    def __init__(self, mechanism: Mechanism, given: StrainGauge, where: str) -> None:
-        self.at, self.row = gauge_row(mechanism, given, where)
-
-    def read(self, compiled: Compiled, state: Sequence[Array]) -> Array:
-        return np.array(self.row @ state[0][0, self.at])
+    return read
 
 
 def gauge_row(mechanism: Mechanism, given: StrainGauge, where: str) -> tuple[slice, Array]:
@@ -153,17 +135,18 @@ def gauge_row(mechanism: Mechanism, given: StrainGauge, where: str) -> tuple[sli
     return slice(first + slot.eta.start, first + slot.eta.stop), row
 
 
-class _Imu:
-    def __init__(self, mechanism: Mechanism, given: Imu) -> None:
-        self._place = mechanism.frame(given.frame)
-        self._gravity = np.array(mechanism.description.gravity, dtype=float)
+def _imu(mechanism: Mechanism, given: Imu) -> Read:
+    place = mechanism.frame(given.frame)
+    gravity = np.array(mechanism.description.gravity, dtype=float)
 
-    def read(self, compiled: Compiled, state: Sequence[Array]) -> Array:
-        Y, V, A = state
-        poses, rates = compiled.motions(Y, V, A, [self._place.joint])
-        _, turn, v, a = motion_of(poses[0], rates[0], self._place.placement)
+    def read(compiled: Compiled, state: Sequence[Array]) -> Array:
+        y, v, a = state
+        poses, rates = compiled.motions(y, v, a, [place.joint])
+        _, turn, v, a = motion_of(poses[0], rates[0], place.placement)
         R = turn[0]
-        return np.concatenate([R.T @ (a[0, :3] - self._gravity), R.T @ v[0, 3:]])
+        return np.concatenate([R.T @ (a[0, :3] - gravity), R.T @ v[0, 3:]])
+
+    return read
 
 
 # What a simulator tells of an instant, and the states that it keeps.

@@ -414,7 +414,7 @@ class Simulator:
                 f"{self.mechanism.name}: sensor: {name}: no such sensor."
                 f"{nearest(name, self._sensors)}"
             )
-        return self._sensors[name].read(self._compiled, [x[1:] for x in self._at.found[:3]])
+        return self._sensors[name](self._compiled, [x[1:] for x in self._at.found[:3]])
 
     # Going back, and records -------------------------------------------------------------------
 

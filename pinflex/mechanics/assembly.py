@@ -109,11 +109,7 @@ def units(dynamics: Equations, home: Array) -> Units:
 
 
 def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array, float]:
-    """Newton with step halving on c(y) = 0 over some velocity rows.
-
-    Returns:
-        The pose, and the largest |c| there (the caller judges it).
-    """
+    """Newton with step halving on c(y) = 0 over some velocity rows: pose, largest |c| there."""
     c, J = dynamics.close(y)
     size = float(np.max(np.abs(c), initial=0.0))
     for _ in range(_ITERATIONS):
@@ -143,11 +139,7 @@ def close_loops(dynamics: Equations, y: Array, moving: IntArray) -> tuple[Array,
 def independent_rows(
     J: Array, labels: Sequence[str], small: float = RANK
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """Rows that carry the rank of a closure Jacobian, and the names of the others.
-
-    Returns:
-        Kept rows in their order, and the labels of dependent rows.
-    """
+    """Rows that carry the rank of a closure Jacobian, rising, and the labels of the others."""
     kept = np.sort(linalg.independent_rows(J, small))
     dropped = sorted(set(range(len(J))) - set(kept.tolist()))
     return kept, tuple(labels[k] for k in dropped)
@@ -194,11 +186,7 @@ def null_motion(J: Array, rows: Closures, columns: Sequence[str]) -> tuple[str, 
 def require_regular(
     dynamics: Equations, y: Array, motors: IntArray, names: Sequence[str], where: str
 ) -> float:
-    """Singular-value ratio of the passive closure Jacobian; raises where the motors lose command.
-
-    Raises:
-        SingularityError: With the loop, the motion and sigma_min.
-    """
+    """Singular-value ratio of the passive closure Jacobian; raises where motors lose command."""
     if not dynamics.looped:
         return float("nan")
     scale = units(dynamics, y)

@@ -88,8 +88,7 @@ class Misfit:
 def nearly_closed(dynamics: Equations, guess: Array, moving: IntArray) -> Array | None:
     """A pose at which the rows close that joints move, the others to the drawing's accuracy.
 
-    Returns:
-        The pose; None where more stays open, or where rows are dependent in this pose only.
+    None where more stays open, or where rows are dependent in this pose only.
     """
     closed, size = dynamics.system.closed, _size(dynamics, guess)
     kept, _ = assembly.independent_rows(dynamics.close(guess).J, closed.labels, MISFIT_RANK)
@@ -170,11 +169,7 @@ _SHOWN = 4  # joints listed before "..."
 
 
 def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
-    """A sentence for each hinge of a loop whose axis crosses those of all its hinged neighbours.
-
-    Returns:
-        Text with a space before it, or "".
-    """
+    """A sentence for each hinge of a loop whose axis crosses those of all its neighbours."""
     at, system = dynamics.kinematics(pose), dynamics.system
     closed, model = system.closed, system.rigid
     placed, turning = closed.frames(at.poses)[0, :, :, :3], at.J[0, 3:]
@@ -315,7 +310,7 @@ def assemble(
                 if motors_held or search.way(pose) < _NEAR:
                     return Closed(pose, 0)
                 return search.run(False, pose) or Closed(pose, 0)
-            if fits or not search.welded_wrong(pose):
+            if fits or not search.closure.twisted(pose):  # no more than the side of an axis
                 spare = pose if spare is None else spare
         elif (near := search.nearly(guess, moving)) is not None:
             return near
@@ -387,14 +382,6 @@ class _Search:
         return all(
             low <= pose[q] <= high for q, low, high, given in self.limited if not (free and given)
         )
-
-    def welded_wrong(self, pose: Array) -> bool:
-        """Whether more than the side of an axis is wrong at a pose."""
-        signs = self.closure.signs
-        self.closure.signs = np.sign(self.closure.axes(pose))
-        wrong = self.closure.flipped(pose)
-        self.closure.signs = signs
-        return wrong
 
     def passive_may_close(self) -> bool:
         """Whether passive joints alone move the closures as far as all joints together do."""

@@ -19,9 +19,10 @@ Jacobians of Pinocchio the closure Jacobian is (W J) times the difference of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -116,7 +117,6 @@ class Closures:
         contacts: Rows of sleeves on flexible beams.
         coupled: Rows of couplings, with the coordinates and numbers in them.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
-        row_mask: support_b - support_a of each row's loop, shape (rows, nV).
     """
 
     __repr__ = brief
@@ -136,7 +136,6 @@ class Closures:
     lengths: Array
     support_a: Array
     support_b: Array
-    row_mask: Array
     contacts: tuple[Contact, ...] = ()
     coupled: CoupledRows = field(default_factory=CoupledRows)
 
@@ -144,6 +143,12 @@ class Closures:
     def n(self) -> int:
         """Number of rows."""
         return len(self.labels)
+
+    @cached_property
+    def row_mask(self) -> Array:
+        """support_b - support_a of each row's loop, shape (rows, nV)."""
+        found: Array = (self.support_b - self.support_a)[self.loop_of]
+        return found
 
     @property
     def joints(self) -> set[int]:
@@ -176,7 +181,6 @@ class Closures:
             bodies=bodies,
             local=local,
             support_a=support_a,
-            row_mask=(self.support_b - support_a)[self.loop_of],
             contacts=tuple(contacts),
         )
 
@@ -201,7 +205,6 @@ class Closures:
             dot_b=self.dot_b[d],
             distance_rows=renumber[self.distance_rows[s]],
             lengths=self.lengths[s],
-            row_mask=self.row_mask[rows],
             contacts=tuple(contact.select(renumber) for contact in self.contacts),
             coupled=self.coupled.select(renumber),
         )
@@ -215,34 +218,47 @@ def closures(
     couplings: Sequence[Coupling] = (),
     ground: Mapping[str, pin.SE3] | None = None,
 ) -> Closures:
-    """Gather the loops and couplings of a description on a model.
-
-    Returns:
-        All rows, redundant ones included.
-    """
+    """All rows of the loops and couplings of a description on a model, redundant ones included."""
     sleeves, ground = sleeves or {}, ground or {}
     loops = (*(Loop(f"coupling of {one.joint}", "coupling", "", "") for one in couplings), *loops)
     ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]
-    rows = _Rows()
-    for number, loop in enumerate(loops):
-        rows.add(number, loop, sleeves, model)
+    rows = [(k, row) for k, loop in enumerate(loops) for row in _rows(loop, sleeves)]
+    loop_of = np.array([k for k, _ in rows], dtype=np.intp)
+
+    def of(sort: str, loop: int | None = None) -> IntArray:
+        return np.array(
+            [i for i, (k, row) in enumerate(rows) if row.sort == sort and loop in (None, k)],
+            dtype=np.intp,
+        )
+
+    points, dots, distances = of("point"), of("direction"), of("distance")
+    axes, pairs, lengths = ([rows[i][1].values for i in at] for at in (points, dots, distances))
+    dot_a, dot_b = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [*map(_turn_a, loops), *map(_turn_b, loops)]
     support_a, support_b = _supports(model, sides).reshape(2, len(loops), int(model.nv))
-    loop_of = np.array(rows.owner, dtype=np.intp)
     return Closures(
         names=tuple(loop.name for loop in loops),
         kinds=tuple(loop.kind for loop in loops),
-        labels=tuple(rows.labels),
+        labels=tuple(row.label for _, row in rows),
         loop_of=loop_of,
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
         local=_local(sides, turns),
+        point_rows=points,
+        point_axes=np.array(axes, dtype=np.intp).ravel(),
+        dot_rows=dots,
+        dot_a=dot_a.copy(),
+        dot_b=dot_b.copy(),
+        distance_rows=distances,
+        lengths=np.array(lengths, dtype=float).ravel(),
         support_a=support_a,
         support_b=support_b,
-        row_mask=(support_b - support_a)[loop_of],
-        contacts=tuple(rows.contacts),
+        contacts=tuple(
+            _contact(sleeves[loop.name], k, of("sleeve", k), model)
+            for k, loop in enumerate(loops)
+            if loop.kind == "slider"
+        ),
         coupled=_coupled(couplings, model),
-        **rows.arrays(),
     )
 
 
@@ -279,60 +295,36 @@ def _supports(model: pin.Model, sides: Sequence[Attachment]) -> Array:
     return np.array(found).reshape(len(sides), int(model.nv))
 
 
-class _Rows:
-    """Rows of the loops, gathered one loop after the other.
+class _Row(NamedTuple):
+    """A row of a loop: its name, its sort, and axes or length [m] of it."""
 
-    Attributes:
-        labels: One per row. owner: Loop of each row.
-        points: Row and axis. dots: Row, axis of a, axis of b. distances: Row and length in m.
-        contacts: Rows of sleeves on flexible beams.
-    """
+    label: str
+    sort: str
+    values: tuple[float, ...] = ()
 
-    def __init__(self) -> None:
-        self.labels: list[str] = []
-        self.owner: list[int] = []
-        self.points: list[tuple[int, int]] = []
-        self.dots: list[tuple[int, int, int]] = []
-        self.distances: list[tuple[int, float]] = []
-        self.contacts: list[Contact] = []
 
-    def add(self, number: int, loop: Loop, sleeves: Mapping[str, Sleeve], model: pin.Model) -> None:
-        """The rows that a loop holds."""
-        kind, labels = loop_kind(loop.kind), self.labels
-        for axis in kind.points:
-            self.points.append((len(labels), axis))
-            labels.append(f"{loop.name}: position along {_AXES[axis]}")
-        for a, b in kind.directions:
-            self.dots.append((len(labels), a, b))
-            about = _AXES[3 - a - b] if a != b else _AXES[a]
-            labels.append(f"{loop.name}: rotation about {about}")
-        if loop.kind == "coupling":
-            labels.append(f"{loop.name}: coupling")
-        if loop.kind == "distance":
-            self.distances.append((len(labels), np.nan if loop.length is None else loop.length))
-            labels.append(f"{loop.name}: distance")
-        if loop.kind == "slider":
-            sleeve = sleeves[loop.name]
-            names = sleeve.labels(loop.name)
-            at = np.arange(len(labels), len(labels) + len(names))
-            roots = [segment.root for segment in sleeve.segments]
-            supports = _supports(model, roots) if roots else None
-            self.contacts.append(Contact(sleeve, number, at, supports))
-            labels.extend(names)
-        self.owner.extend([number] * (len(labels) - len(self.owner)))
+def _rows(loop: Loop, sleeves: Mapping[str, Sleeve]) -> Iterator[_Row]:
+    """The rows that a loop holds."""
+    kind = loop_kind(loop.kind)
+    for axis in kind.points:
+        yield _Row(f"{loop.name}: position along {_AXES[axis]}", "point", (axis,))
+    for a, b in kind.directions:
+        about = _AXES[3 - a - b] if a != b else _AXES[a]
+        yield _Row(f"{loop.name}: rotation about {about}", "direction", (a, b))
+    if loop.kind == "coupling":
+        yield _Row(f"{loop.name}: coupling", "coupling")
+    if loop.kind == "distance":
+        length = np.nan if loop.length is None else loop.length
+        yield _Row(f"{loop.name}: distance", "distance", (length,))
+    if loop.kind == "slider":
+        for label in sleeves[loop.name].labels(loop.name):
+            yield _Row(label, "sleeve")
 
-    def arrays(self) -> dict[str, Any]:
-        """Rows of the three sorts, as `Closures` holds them."""
-        points = np.array(self.points, dtype=np.intp).reshape(-1, 2).T
-        dots = np.array(self.dots, dtype=np.intp).reshape(-1, 3).T
-        distances = np.array(self.distances, dtype=float).reshape(-1, 2).T
-        names = ("point_rows", "point_axes", "dot_rows", "dot_a", "dot_b")
-        arrays = {n: column.copy() for n, column in zip(names, (*points, *dots), strict=True)}
-        return {
-            **arrays,
-            "distance_rows": distances[0].astype(np.intp),
-            "lengths": distances[1].copy(),
-        }
+
+def _contact(sleeve: Sleeve, loop: int, rows: IntArray, model: pin.Model) -> Contact:
+    """The rows of a sleeve, with what moves the segments under it."""
+    roots = [segment.root for segment in sleeve.segments]
+    return Contact(sleeve, loop, rows, _supports(model, roots) if roots else None)
 
 
 def _turn_a(loop: Loop) -> Array:
@@ -399,29 +391,22 @@ class LogClosure:
         # -1 where two axes are to point against each other
         self.signs = np.ones(len(closed.names))
 
-    def _frames(self, pose: Array) -> tuple[Array, Array]:
-        """Rotations of the frames of the loops, (loops, 3, 3) each."""
-        return _frames(self.dynamics.system.closed, self.dynamics.joint_poses(pose))
-
     def axes(self, pose: Array) -> Array:
         """Cosine of the angle of the two axes of each loop (1 where it has none), at a pose."""
-        (a, b), closed = self._frames(pose), self.dynamics.system.closed
+        closed = self.dynamics.system.closed
+        a, b = _frames(closed, self.dynamics.joint_poses(pose))
         cosines = (a[:, :, 2] * b[:, :, 2]).sum(axis=1)
         return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
-    def flipped(self, pose: Array) -> bool:
-        """Whether the rows vanish, at a pose, with the frames of a loop turned by half a turn.
+    def twisted(self, pose: Array) -> bool:
+        """Whether a weld is turned by half a turn at a pose: there its rows vanish, too."""
+        closed = self.dynamics.system.closed
+        pairs = zip(closed.kinds, *_frames(closed, self.dynamics.joint_poses(pose)), strict=True)
+        return any(_holds(k) == TURNED and np.min(np.diag(a.T @ b)) < 0.5 for k, a, b in pairs)
 
-        A revolute joint can be that, as its pin may be put in from either side; `signs` says from
-        which.
-        """
-        frames_a, frames_b = self._frames(pose)
-        for k, kind in enumerate(self.dynamics.system.closed.kinds):
-            if _holds(kind) == TURNED:
-                turn = frames_a[k].T @ frames_b[k]
-                if np.min(np.diag(turn)) < 0.5:
-                    return True
-        return bool(np.any(self.axes(pose) * self.signs < 0))
+    def flipped(self, pose: Array) -> bool:
+        """The same of any loop: a pin may be put in from either side; `signs` says from which."""
+        return self.twisted(pose) or bool(np.any(self.axes(pose) * self.signs < 0))
 
     def at(self, y: Array) -> tuple[Array, Array]:
         """Residual (m), shape (rows,), and its Jacobian, shape (rows, nv)."""

@@ -37,6 +37,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import as_matrices, skew, support
 from pinflex.mechanics.model.loads import Attachment
 from pinflex.mechanics.model.system import Idle
+from pinflex.mechanics.model.tree import coordinate_names
 
 INDEPENDENT = 1e-8  # of the largest: as closure rows that count
 _STILL = 1e-7  # of the mechanism's size, for a motion of size one: closed loops leave 1e-12
@@ -130,8 +131,9 @@ class Freedoms:
             return Idle(), []
         spins, rows = self._spins(J, N, pieces)
         rest = N @ null_space(np.array(rows).reshape(-1, len(N)) @ N, INDEPENDENT, 1.0)
-        held = np.sort(independent_rows(rest, INDEPENDENT, 1.0)) if rest.shape[1] else _NONE
-        names = (*(loop.name for loop in spins), *(self._named(int(k)) for k in held))
+        held = np.sort(independent_rows(rest, INDEPENDENT, 1.0))
+        rows_named = coordinate_names(self._model)
+        names = (*(loop.name for loop in spins), *(rows_named[k] for k in held))
         heavy = self._inertia_of_rows[held] > _MASSLESS * float(np.max(self._inertia_of_rows))
         return Idle(tuple(spins), held, held[heavy], _NONE, names), rows
 
@@ -276,22 +278,14 @@ class Freedoms:
         place = self._frames[name]
         return np.asarray(self._poses[place.joint].rotation @ place.placement.rotation)
 
-    def _named(self, row: int) -> str:
-        for joint, name in zip(self._model.joints[1:], self._model.names[1:], strict=True):
-            if joint.idx_v <= row < joint.idx_v + joint.nv:
-                return str(name) if joint.nv == 1 else f"{name}[{row - joint.idx_v}]"
-        return "?"
-
 
 def allowed(J: Array, locked: IntArray) -> Array:
     """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k)."""
     nv = J.shape[1]
     passive = np.setdiff1d(np.arange(nv), locked)
-    N = np.zeros((nv, 0))
-    if len(passive):
-        inside = null_space(J[:, passive], INDEPENDENT)
-        N = np.zeros((nv, inside.shape[1]))
-        N[passive] = inside
+    inside = null_space(J[:, passive], INDEPENDENT)
+    N = np.zeros((nv, inside.shape[1]))
+    N[passive] = inside
     return N
 
 

@@ -76,11 +76,7 @@ def require_mass(
     flexible: System,
     home: Array,
 ) -> None:
-    """Refuse a model that does not weigh what the scene says.
-
-    Raises:
-        AssemblyError: An error of pinflex, not of the scene.
-    """
+    """Refuse a model that does not weigh what the scene says: an error of pinflex."""
     y = np.concatenate([home, np.zeros(flexible.n_eta)])
     poses = Equations(rigid).joint_poses(home)
     said = of_scene(description, links, parts, given, rigid, flexible, poses)
@@ -256,9 +252,7 @@ class Mechanism:
         Joints that have clearance are held by contact.
         """
         let_go = np.union1d(self.idle.base, self.idle.loose)
-        system = self.flexible
-        if any(loop.clearance is not None for loop in self.description.loops):
-            system = with_clearance(system, self.description.loops)
+        system = with_clearance(self.flexible, self.description.loops)
         if not len(let_go):
             return system
         held = np.setdiff1d(system.held, let_go).astype(np.intp)

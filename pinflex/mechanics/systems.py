@@ -12,6 +12,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.external import WORLD
 from pinflex.description.blocks.joints import elastic
 from pinflex.description.description import Description
+from pinflex.description.loops import Loop
 from pinflex.errors import DescriptionError, SingularityError, nearest
 from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
@@ -33,7 +34,7 @@ from pinflex.mechanics.model.loads import (
     require_apart,
 )
 from pinflex.mechanics.model.parts import FlexiblePart, link_damping, rows_of
-from pinflex.mechanics.model.slider import Sleeve, sleeve
+from pinflex.mechanics.model.slider import sleeve
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import Link, joint_springs
 from pinflex.mechanics.reference.evaluator import Placing
@@ -48,9 +49,6 @@ def elastic_rows(J: Array, motors: IntArray, springs: Springs) -> IntArray:
     With the motors locked the closures leave the null space N of J's passive columns. Each row of
     a sprung joint in it takes one freedom away, the stiffest first; a sprung joint whose motion
     the loops determine anyway (a flexure hinge of a closed chain) is not among them.
-
-    Returns:
-        Rows, increasing.
     """
     sprung = ~np.isin(springs.v_at, motors)
     rows, stiffness = springs.v_at[sprung], springs.stiffness[sprung]
@@ -73,10 +71,9 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:
-        J = Equations(system).close(home)[1].copy() if system.closed.n else np.zeros((0, system.nv))
-        named = (*description.frames, *description.loaded)
+        dynamics, named = Equations(system), (*description.frames, *description.loaded)
         still = None if description.platform is None else frames[description.platform]
-        every = Freedoms(Equations(system), home)
+        J, every = dynamics.close(home).J.copy(), Freedoms(dynamics, home)
         found = every.idle(J, locked, [frames[name] for name in named], still)
     if not len(base):
         return found
@@ -100,9 +97,9 @@ def at_rest(system: System, description: Description, home: Array, names: Sequen
 # The home that a description gives: values of some coordinates of the rigid mechanism.
 
 
-def home_guess(description: Description, model: pin.Model) -> Array:
-    """q with the given values, shape (nq,); joints that are not named stand at zero."""
-    q = pin.neutral(model)
+def home_guess(description: Description, model: pin.Model) -> tuple[Array, IntArray]:
+    """q (nq,) with the given values, and their places; joints that are not named stand at zero."""
+    q, given = pin.neutral(model), list[int]()
     for name, value in description.home.items():
         if not model.existJointName(name):
             raise DescriptionError(
@@ -119,8 +116,9 @@ def home_guess(description: Description, model: pin.Model) -> Array:
                 "coordinates (a spherical joint takes a quaternion x, y, z, w)."
             )
         q[joint.idx_q : joint.idx_q + joint.nq] = values
+        given += range(joint.idx_q, joint.idx_q + joint.nq)
     _follow(q, description, model)
-    return np.asarray(pin.normalize(model, q))
+    return np.asarray(pin.normalize(model, q)), np.array(given, dtype=np.intp)
 
 
 def _follow(q: Array, description: Description, model: pin.Model) -> None:
@@ -141,13 +139,6 @@ def _follow(q: Array, description: Description, model: pin.Model) -> None:
             q[place[one.joint]] = led + one.offset
 
 
-def given(description: Description, model: pin.Model) -> IntArray:
-    """Places in q of the coordinates that `home` names."""
-    joints = [model.joints[model.getJointId(name)] for name in description.home]
-    places = [k for joint in joints for k in range(joint.idx_q, joint.idx_q + joint.nq)]
-    return np.array(places, dtype=np.intp)
-
-
 @dataclass(frozen=True)
 class Assembled:
     """The rigid system, closed at home.
@@ -157,6 +148,7 @@ class Assembled:
         home: Closed pose q, shape (nq,).
         report: Ranks, redundant rows, mobility.
         idle: Freedoms that need no motor.
+        loops: Those of the scene, with the lengths of all distances, and those of idle spins.
         ground: Places in the world of loops that are held there, by loop.
         misfit: What makes loops fit that are open at home.
     """
@@ -167,19 +159,27 @@ class Assembled:
     home: Array
     report: LoopReport
     idle: Idle
+    loops: tuple[Loop, ...]
     ground: Mapping[str, pin.SE3]
     misfit: Misfit
 
 
-def _sleeves(
-    description: Description, parts: Mapping[str, FlexiblePart], expansion: Expansion
-) -> dict[str, Sleeve]:
-    """The sleeves of a description on a rigid or an expanded model, by loop."""
-    return {
+def _closures(
+    description: Description,
+    loops: Sequence[Loop],
+    parts: Mapping[str, FlexiblePart],
+    expansion: Expansion,
+    ground: Mapping[str, pin.SE3],
+    fit: Misfit,
+) -> Closures:
+    """All rows of loops and couplings on a rigid or an expanded model, redundant ones included."""
+    sleeves = {
         loop.name: sleeve(loop, parts, expansion, f"{description.name}: loops.{loop.name}")
-        for loop in description.loops
+        for loop in loops
         if loop.kind == "slider"
     }
+    given = sleeves, description.couplings, ground
+    return fit.built_in(closures(loops, expansion.frames, expansion.model, *given))
 
 
 def rigid_system(
@@ -192,19 +192,15 @@ def rigid_system(
 ) -> Assembled:
     """Close the loops of the rigid mechanism at home and keep the independent rows.
 
-    Returns:
-        The system at home.
     Raises:
         AssemblyError, SingularityError: Loops that cannot close, or a singular home.
     """
     model = tree.model
     springs, dampers = joint_springs(description, model)
-    held = _sleeves(description, parts, tree)
-    coupled = description.couplings
-    guess = home_guess(description, model)
-    ground = _ground(description, tree, guess)
-    every = closures(description.loops, tree.frames, model, held, coupled, ground)
-    nv = int(model.nv)
+    guess, named = home_guess(description, model)
+    ground, loops = _ground(description, tree, guess), description.loops
+    every = _closures(description, loops, parts, tree, ground, Misfit())
+    nv, coupled = int(model.nv), len(description.couplings)
     placed = loads(description, tree.frames)
     system = System(
         model, tree, every, np.zeros((nv, nv)), np.diag(dampers), springs, motors, placed,
@@ -212,30 +208,31 @@ def rigid_system(
         added=added_masses(description, tree.frames),
         kinks=kinks(description, model, None),
     )  # fmt: skip
-    system = replace(system, closed=_with_lengths(system, guess))
+    if np.any(np.isnan(every.lengths)):
+        loops = _with_lengths(loops, system, guess)
+        every = _closures(description, loops, parts, tree, ground, Misfit())
+        system = replace(system, closed=every)
     dynamics = Equations(system)
     where = f"{description.name}: home"
     closed = Closed(guess, 0)
     if every.n:
-        named = given(description, model)
-        closed = assemble(dynamics, guess, motors, where, limits, named, description.loops)
+        closed = assemble(dynamics, guess, motors, where, limits, named, loops)
         every = closed.misfit.built_in(every)
-        system = replace(system, closed=closed.misfit.built_in(system.closed))
+        system = replace(system, closed=every)
         dynamics = Equations(system)
     home, fit = closed.pose, closed.misfit
     require_apart(placed, model, home, description.name)
-    _, J = dynamics.close(home) if every.n else (None, np.zeros((0, nv)))
-    kept, redundant = assembly.independent_rows(J, system.closed.labels, fit.rank)
-    system = replace(system, closed=system.closed.select(kept))
+    J = dynamics.close(home).J if every.n else np.zeros((0, nv))  # tables cost a millisecond
+    kept, redundant = assembly.independent_rows(J, every.labels, fit.rank)
+    system = replace(system, closed=every.select(kept))
     elastic = elastic_rows(J[kept], motors, springs)
     system = replace(system, held=elastic)
     home = at_rest(system, description, home, names)
     idle = idle_of(system, description, home)
     spun = len(idle.spins)
     if spun:
-        loops = (*description.loops, *idle.spins)
-        both = fit.built_in(closures(loops, tree.frames, model, held, coupled, ground))
-        both = replace(both, lengths=_lengths_of(system.closed, description))
+        loops = (*loops, *idle.spins)
+        both = _closures(description, loops, parts, tree, ground, fit)
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
     system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
@@ -244,14 +241,13 @@ def rigid_system(
         dynamics = Equations(system)
         dynamics.require_on_beams(home, where)
         if redundant:
-            full = replace(every, lengths=_fill(dynamics, every))
-            _refuse_singular_home(description, dynamics, home, redundant, full, fit.rank)
+            _refuse_singular_home(description, dynamics, home, redundant, every, fit.rank)
         if len(motors) + len(system.held) >= nv - len(kept) - spun:
             sigma = _sigma_at_home(dynamics, description, home, names, where)
-    joined, mobility = len(coupled), nv - len(kept) - spun - len(system.held)
-    of = every.n - joined, len(kept) - joined, redundant
-    report = LoopReport(*of, mobility, sigma, closed.starts, joined, fit.gaps)
-    return Assembled(system, home, report, idle, ground, fit)
+    mobility = nv - len(kept) - spun - len(system.held)
+    of = every.n - coupled, len(kept) - coupled, redundant
+    report = LoopReport(*of, mobility, sigma, closed.starts, coupled, fit.gaps)
+    return Assembled(system, home, report, idle, loops, ground, fit)
 
 
 def _sigma_at_home(
@@ -328,13 +324,8 @@ def flexible_system(
     rigid, home, idle = assembled.system, assembled.home, assembled.idle
     K, D = _matrices(description, expansion, parts, rigid)
     m = expansion.n_eta
-    held = _sleeves(description, parts, expansion)
-    loops = (*description.loops, *idle.spins)
-    coupled = description.couplings
-    every = closures(loops, expansion.frames, expansion.model, held, coupled, assembled.ground)
-    every = assembled.misfit.built_in(every)
-    lengths = _lengths_of(rigid.closed, description)
-    every = replace(every, lengths=lengths)
+    ground, fit = assembled.ground, assembled.misfit
+    every = _closures(description, assembled.loops, parts, expansion, ground, fit)
     placed = loads(description, expansion.frames)
     system = System(
         rigid.rigid, expansion, every, K, D, rigid.springs, rigid.motors, placed, idle.held,
@@ -346,38 +337,25 @@ def flexible_system(
     if every.n:
         # By the reference: once, where tables for the compiled kernel cost more than they save.
         J = Equations(system).reference.close(np.concatenate([home, np.zeros(m)])[None]).J[0]
-    kept, redundant = assembly.independent_rows(J, every.labels, assembled.misfit.rank)
-    spun = len(idle.spins)
-    own = spun + len(coupled)
+    kept, redundant = assembly.independent_rows(J, every.labels, fit.rank)
+    own = len(idle.spins) + len(description.couplings)
     report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
     if redundant:
         system = replace(system, closed=every.select(kept))
     return system, report
 
 
-def _lengths_of(closed: Closures, description: Description) -> Array:
-    """Distances as assembled (a distance row is never redundant with itself)."""
-    by_name = {
-        closed.names[closed.loop_of[row]]: length
-        for row, length in zip(closed.distance_rows, closed.lengths, strict=True)
-    }
-    return np.array([by_name[p.name] for p in description.loops if p.kind == "distance"])
-
-
-def _with_lengths(system: System, guess: Array) -> Closures:
-    """Distances that were not given are taken as they are at the home guess."""
+def _with_lengths(loops: Sequence[Loop], system: System, guess: Array) -> tuple[Loop, ...]:
+    """Loops whose distances that were not given are as they are at the home guess."""
     closed = system.closed
-    if not np.any(np.isnan(closed.lengths)):
-        return closed
     some = replace(closed, lengths=np.ones(len(closed.lengths)))
     dynamics = Equations(replace(system, closed=some))
-    origins = closed.frames(dynamics.joint_poses(guess))[0, :, :, 3]
-    a, loops = closed.loop_of[closed.distance_rows], len(closed.names)
-    measured = np.linalg.norm(origins[loops + a] - origins[a], axis=1)
-    lengths = np.where(np.isnan(closed.lengths), measured, closed.lengths)
-    if np.any(lengths < 1e-12):
+    a, b = np.split(closed.frames(dynamics.joint_poses(guess))[0, :, :, 3], 2)
+    apart = dict(zip(closed.names, np.linalg.norm(b - a, axis=1).tolist(), strict=True))
+    open_ = [loop for loop in loops if loop.kind == "distance" and loop.length is None]
+    if any(apart[loop.name] < 1e-12 for loop in open_):
         raise DescriptionError("loops: a distance of zero. Use kind: spherical for a common point.")
-    return replace(closed, lengths=lengths)
+    return tuple(replace(x, length=apart[x.name]) if x in open_ else x for x in loops)
 
 
 def _refuse_singular_home(
@@ -399,13 +377,3 @@ def _refuse_singular_home(
             f"Give a `home` away from this pose.{axis_hint(full, description.loops, home)}",
             redundant=tuple(redundant),
         )
-
-
-def _fill(dynamics: Equations, every: Closures) -> Array:
-    closed = dynamics.system.closed
-    by_loop = {
-        int(closed.loop_of[row]): length
-        for row, length in zip(closed.distance_rows, closed.lengths, strict=True)
-    }
-    loops = every.loop_of[every.distance_rows]
-    return np.array([by_loop.get(int(k), 1.0) for k in loops], dtype=float)

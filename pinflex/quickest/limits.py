@@ -104,8 +104,8 @@ def limits_of(
     )
 
 
-def of_motion(mechanism: Mechanism, motion: Motion, jerk: float = 6.0) -> dict[str, Any]:
-    """The limits that a motion just keeps: speed, `jerk` times its jerk, torque of the coupled run.
+def of_motion(mechanism: Mechanism, motion: Motion) -> dict[str, Any]:
+    """The limits that a motion just keeps: speed, six times its jerk, torque of the coupled run.
 
     One number for all motors and one for all coordinates, as of equal motors.
     """
@@ -115,7 +115,7 @@ def of_motion(mechanism: Mechanism, motion: Motion, jerk: float = 6.0) -> dict[s
     far = int(np.argmax(np.abs(v).max(axis=0)))
     return {
         "speed": float(np.abs(v[:, far]).max()),
-        "jerk": jerk * float(np.abs(np.gradient(a[:, far], t)).max()),
+        "jerk": 6.0 * float(np.abs(np.gradient(a[:, far], t)).max()),
         "torque": float(np.abs(run.torque).max()),
     }
 

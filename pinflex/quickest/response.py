@@ -26,9 +26,9 @@ from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
 from pinflex.integrators.problem import Run
-from pinflex.kernel.evaluate import entries_of, linear_systems
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
+from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_poses
 from pinflex.mechanics.manifold import Manifold
@@ -39,7 +39,6 @@ from pinflex.recovery.links import resultants, stresses
 from pinflex.results.error_bars import time_error
 from pinflex.results.result import Result, peak
 
-_WINDOW = 48  # instants whose matrices are held at a time: 10 MB of a delta's
 _NONE = np.zeros(0, np.intp)
 _SMALL = 1e-5  # change of what is differenced, over itself: so much of the derivative is off
 _NEAREST = 6  # Newton steps to the nearest place of a path
@@ -102,15 +101,6 @@ class Response(NamedTuple):
     strain: Array
 
 
-class _System(NamedTuple):
-    """The linear system at one instant, in all coordinates."""
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-
-
 def response(
     mechanism: Mechanism, along: RigidPath, run: Result, profile: Profile, grid: Grid, forces: bool,
     pushed: RigidPath | None = None, far: Array | None = None, strains: Strains | None = None,
@@ -131,15 +121,6 @@ def response(
     return found._replace(strain=strains.by(strains.states_of(run).at(2 * near + 1), *moved))
 
 
-def states(run: Result) -> tuple[Array, Array, Array]:
-    """Coordinates, velocities and accelerations of all freedoms at the samples."""
-    y, v, a = (
-        np.hstack([run.array(key) for key in (rigid, elastic) if key in run.arrays])
-        for rigid, elastic in (("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a"))
-    )
-    return y, v, a
-
-
 class _March:
     """The alpha family's steps of all columns at once."""
 
@@ -150,10 +131,9 @@ class _March:
         self.mechanism, self.grid, self.T = mechanism, grid, profile.duration
         self.dynamics = Equations(mechanism.flexible)
         self.scheme, self.h = generalized_alpha(_RHO), grid.step * profile.duration
-        at = slice(1, None, 2)
-        self.y, self.v, self.a = (x[at] for x in states(run))
+        seen = run_of(mechanism, run).at(slice(1, None, 2))
+        self.t, self.y, self.v, self.a, self.lam = seen.t, seen.y, seen.v, seen.a, seen.lam
         self.push = None if pushed is None else self._pushes(pushed, profile)
-        self.t, self.lam = run.t[at], run.array("multiplier")[at]
         self.near: IntArray = _NONE
         self.moved: list[tuple[Array, Array, Array, Array]] = []
         self.shape = basis(profile.ends, profile.jumps, grid.u)
@@ -230,7 +210,7 @@ class _March:
             found.append(change)
         return found
 
-    def _load(self, k: int, now: _System) -> tuple[Array, Array]:
+    def _load(self, k: int, now: Tangent) -> tuple[Array, Array]:
         """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
         slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
         if self.push is not None:
@@ -260,49 +240,24 @@ class _March:
         frame = self.mechanism.frame(str(self.mechanism.description.platform))
         return np.asarray(frame_jacobian(self.dynamics, self.y[-1], frame)[:3])
 
-    def _systems(self, free: IntArray) -> Iterator[tuple[int, _System, list[Array]]]:
+    def _systems(self, free: IntArray) -> Iterator[tuple[int, Tangent, list[Array]]]:
         """Instant by instant: its number, its system, and the LU factors of its step."""
         grid = self.grid
-        for start in range(0, grid.moving + 1, _WINDOW):
-            every = self._tangents(slice(start, min(start + _WINDOW, grid.moving + 1)))
-            for i, now in enumerate(every):
-                *step, info = lapack().dgetrf(self._step(now, free), overwrite_a=1)
-                if info:
-                    raise np.linalg.LinAlgError(f"dgetrf: info {info}")
-                if start + i < grid.moving:
-                    yield start + i, now, step
+        for k in range(grid.moving + 1):  # the last one stands for all at rest
+            state = self.y[k], self.v[k], self.a[k], self.lam[k], float(self.t[k])
+            now = self.dynamics.tangent(*state)
+            *step, info = lapack().dgetrf(self._step(now, free), overwrite_a=1)
+            if info:
+                raise np.linalg.LinAlgError(f"dgetrf: info {info}")
+            if k < grid.moving:
+                yield k, now, step
         for k in range(grid.moving, grid.moving + grid.after):
             yield k, now, step
 
-    def _step(self, now: _System, free: IntArray) -> Array:
+    def _step(self, now: Tangent, free: IntArray) -> Array:
         by_a, by_v, by_d = self.scheme.weights(self.h)
         S = by_a * now.M + by_v * now.C + by_d * now.K
         return saddle_matrix(S[np.ix_(free, free)], now.J[:, free])
-
-    def _tangents(self, some: slice) -> list[_System]:
-        """The systems at some instants of the run; the last one stands for all at rest."""
-        dynamics, n = self.dynamics, self.mechanism.flexible.nv
-        t, y, v, a, lam = (x[some] for x in (self.t, self.y, self.v, self.a, self.lam))
-        compiled = dynamics.compiled
-        if compiled is None:
-            found = [
-                dynamics.tangent(*x[:4], float(x[4])) for x in zip(y, v, a, lam, t, strict=True)
-            ]
-            return [self._damped(_System(*x), y[i]) for i, x in enumerate(found)]
-        rows, all_ = lam.shape[1], np.arange(n)
-        at = entries_of("MCKJ", n, rows, all_, all_)
-        result = np.empty((len(t), len(at)))
-        linear_systems(compiled.evaluator, (y, v, a, lam, compiled.scale(t)), at, result)
-        square = result[:, : 3 * n * n].reshape(-1, 3, n, n)
-        J = result[:, 3 * n * n :].reshape(len(t), rows, n)
-        return [self._damped(_System(x[0], x[1], x[2], J[i]), y[i]) for i, x in enumerate(square)]
-
-    def _damped(self, now: _System, y: Array) -> _System:
-        alpha, beta = self.mechanism.description.system_damping
-        if not (alpha or beta):
-            return now
-        more = alpha * now.M + beta * self.dynamics.structural_stiffness(y)
-        return now._replace(C=now.C + more)
 
 
 class Strains:

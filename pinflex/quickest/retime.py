@@ -21,13 +21,13 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray, spans
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, trajectory
-from pinflex.description.motions.trajectory import ShaperSpec, read, shaped
+from pinflex.description.motions.trajectory import read
 from pinflex.description.robots.urdf import MotorLimits
 from pinflex.description.trajectories.profiles import by_name
 from pinflex.description.trajectories.waypoints import slowed
 from pinflex.errors import DescriptionError, MotionError, nearest
 from pinflex.levels.rigid import multipliers
-from pinflex.levels.ringing import ringing
+from pinflex.levels.ringing import shaped_as
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.loads import require_staying
@@ -116,7 +116,7 @@ def retime(
     if asked is None:
         return Retimed(found, factor, held_by, seen.shares(factor, known))
     for _ in range(_TRIES):
-        made = _shaped(robot, found, asked)
+        made = shaped_as(robot, found, asked)
         shares = _Seen(robot, made).shares(1.0, known)
         torques = [*shares.get("effort", {}).values(), *shares.get(_CURVE, {}).values()]
         worst = max(torques, default=0.0)
@@ -142,11 +142,7 @@ class _Seen:
         self.velocity, self.acceleration = path.v[:, axes.v_at], path.a[:, axes.v_at]
 
     def jerk(self) -> Array:
-        """Largest jerk of each motor between corners [rad/s^3 | m/s^3].
-
-        Raises:
-            MotionError: The acceleration jumps.
-        """
+        """Largest jerk of each motor between corners [rad/s^3 | m/s^3]; refused where a jumps."""
         a, size = self.acceleration, np.abs(self.acceleration).max(axis=0)
         ends = np.abs(a[[0, -1]]).max(axis=0)
         jumps = np.abs(a[self.sides + 1] - a[self.sides]).max(axis=0, initial=0.0)
@@ -331,14 +327,6 @@ def _peaks(values: Array, t: Array) -> Array:
     even = np.abs(steps[k] - steps[k - 1]) < 1e-6 * steps[k]
     more = np.where(even & (bent > 0.0), (before - after) ** 2 / np.maximum(8.0 * bent, 1e-300), 0)
     return np.asarray(np.maximum(sizes.max(axis=0), at + more))
-
-
-def _shaped(robot: Mechanism, motion: Motion, asked: ShaperSpec) -> Motion:
-    """The motion with a shaper, of given frequencies or of the modes that it excites."""
-    if asked.frequencies:
-        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
-    found = ringing(robot, motion, asked.modes)
-    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
 
 
 def _distance(path: _Seen, other: _Seen) -> float:

@@ -31,7 +31,8 @@ from pinflex.quickest.programme import (
     solved,
     torque_rows,
 )
-from pinflex.quickest.response import Grid, Response, Strains, response, states
+from pinflex.quickest.response import Grid, Response, Strains, response
+from pinflex.recovery.kinematics import run_of
 from pinflex.results.result import Result
 
 _ROUND = 1e-12  # of a duration: round-off
@@ -247,9 +248,8 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
 
 def motors_of(model: Mechanism, run: Result, until: int | None = None) -> tuple[Array, Array]:
     """Speeds and accelerations of the motors at the first samples, or at all."""
-    _, v, a = states(run)
-    motors = model.flexible.motors
-    return v[:until, motors], a[:until, motors]
+    states, motors = run_of(model, run), model.flexible.motors
+    return states.v[:until, motors], states.a[:until, motors]
 
 
 def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
@@ -268,14 +268,15 @@ def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
 def _place(model: Mechanism, run: Result, at: slice | BoolArray) -> Array:
     """Of the platform at some samples [m], (k, 3)."""
     frame = model.frame(str(model.description.platform))
-    return frame_poses(Equations(model.flexible), states(run)[0][at], frame)[1]
+    return frame_poses(Equations(model.flexible), run_of(model, run).y[at], frame)[1]
 
 
 def end_of(
     task: Task, model: Mechanism, run: Result, path: RigidPath, at: int, rest: Array
 ) -> Array:
     """Of each axis at a sample: how far from rest and how fast, (axes, 2)."""
-    y, v = (x[at] for x in states(run)[:2])
+    states = run_of(model, run)
+    y, v = states.y[at], states.v[at]
     frame, dynamics = model.frame(str(model.description.platform)), Equations(model.flexible)
     place = frame_poses(dynamics, y[None], frame)[1][0] - rest
     rate = frame_jacobian(dynamics, y, frame)[:3] @ v

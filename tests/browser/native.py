@@ -8,7 +8,7 @@ import numpy as np
 
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
-from pinflex.browser.recipe import GRAIN, SLOW, TOGETHER, live_scene, tabulate
+from pinflex.browser.recipe import GRAIN, SLOW, TOGETHER, live_scene
 from pinflex.integrators import march
 from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
@@ -44,11 +44,10 @@ def _judged(mechanism: Mechanism, t: Array) -> tuple[Run, Judge]:
     scene = live_scene(mechanism)
     tol, dynamics = scene.spec.tol or 1e-3, scene.equations()
     asked = Outputs(mechanism, scene.motion, t, ("torque", "deflection", "platform"), dynamics)
-    jumps, judges = breaks(scene.motion, dynamics.system.loads), list[Judge]()
+    judges = list[Judge]()
 
     def keeper(steps: march.Radau) -> Judge:
         steps.control, steps.slow = replace(steps.control, grain=GRAIN), SLOW
-        tabulate(steps, scene.motion, (float(t[0]), float(t[-1])), jumps)
         judges.append(OfPage(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False))
         return judges[-1]
 

@@ -174,7 +174,7 @@ KNOWN: dict[type, frozenset[str]] = {
         (Cut, "x Phi G outer outer_twist"),
         (Node, "name place Phi G"),
         (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
-         "dot_b distance_rows lengths support_a support_b row_mask contacts coupled"),
+         "dot_b distance_rows lengths support_a support_b contacts coupled"),
         (CoupledRows, "rows J at A offset"),
         (Contact, "sleeve loop rows supports on"),
         (Sleeve, "link placement length half sorts track eta segments"),

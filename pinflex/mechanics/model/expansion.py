@@ -47,17 +47,15 @@ Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi
 def stack(
     model: pin.Model, slices: Sequence[slice], maps: Sequence[Sequence[Row]]
 ) -> tuple[Block, ...]:
-    """Group neighbouring bodies of equal shape.
-
-    Returns:
-        Blocks in the order of the bodies; curved rows come first in each.
-    """
+    """Neighbouring bodies of equal shape in blocks, in their order; curved rows come first."""
     sorted_maps = [sorted(rows, key=_straight) for rows in maps]
     shapes = [
         (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
         for rows, eta in zip(sorted_maps, slices, strict=True)
     ]
-    q_of = _positions(model)
+    # where in Q each velocity row is, of joints with as many of one as of the other
+    at, first, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
+    q_of = np.repeat(at - first, counts) + np.arange(model.nv)
     blocks = []
     for (_, curved, n), numbers in groupby(range(len(slices)), key=lambda k: shapes[k]):
         group = list(numbers)
@@ -74,12 +72,6 @@ def stack(
 def _straight(row: Row) -> bool:
     """Whether a row is linear in eta."""
     return row[2] is None
-
-
-def _positions(model: pin.Model) -> IntArray:
-    """Position in Q of each velocity row of a joint with as many of one as of the other."""
-    at, rows, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
-    return np.repeat(at - rows, counts) + np.arange(model.nv)
 
 
 _POINT, _STRAIGHT, _HERE = np.zeros((3, 3)), np.eye(3), pin.SE3.Identity()
@@ -399,11 +391,7 @@ def expand(
     gravity: Array,
     geared: frozenset[str] = frozenset(),
 ) -> Expansion:
-    """Build the expanded model, or, with `rigid=None`, the rigid tree itself.
-
-    Returns:
-        The expanded model with its maps.
-    """
+    """Build the expanded model with its maps, or, with `rigid=None`, the rigid tree itself."""
     model = pin.Model()
     model.gravity.linear = np.array(gravity, float)
     work = _Assembler(links, parts, needed, rigid is not None, model, geared=geared)

@@ -310,11 +310,7 @@ def _end(spring: FrameSpring, name: str, frames: Mapping[str, Attachment]) -> At
 
 
 def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> None:
-    """Refuse a spring whose ends meet at home and that has a length or a damper: along which line?
-
-    Raises:
-        AssemblyError: Such a spring, with the way out.
-    """
+    """Refuse a spring with a length or a damper whose ends meet at home: along which line?"""
     if not given.springs:
         return
     data = model.createData()

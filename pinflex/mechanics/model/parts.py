@@ -1,7 +1,4 @@
-"""What a flexible link needs by itself: its beam frame, its planes, its bodies.
-
-Model only what the scene needs: a mechanism that moves in one plane bends in that plane alone.
-"""
+"""What a flexible link needs by itself: its beam frame, its planes, its bodies."""
 
 from __future__ import annotations
 
@@ -71,12 +68,8 @@ def require_beam(spec: FlexibleLink, length: float, where: str, allow: Sequence[
 
 def require_size(links: Sequence[Link], urdf: str, allow: Sequence[str] = ()) -> None:
     """Raise where a robot of some kilograms reaches as far as a skyscraper is high."""
-    reach = 0.0
-    place: list[pin.SE3] = []
-    for link in links:
-        above = place[link.parent] if link.parent >= 0 else pin.SE3.Identity()
-        place.append(above * link.placement)
-        reach = max(reach, float(np.linalg.norm(place[-1].translation)))
+    places = [pose.translation for pose in tree.poses_of(links)]
+    reach = max((float(np.linalg.norm(place)) for place in places), default=0.0)
     mass = sum(float(link.inertia.mass) for link in links)
     if reach > FAR and 0 < mass < LIGHT * reach and "large" not in allow:
         raise DescriptionError(
@@ -188,13 +181,7 @@ def resolve(
     coarse: bool = False,
     plane: Plane | None = None,
 ) -> dict[str, FlexiblePart]:
-    """Turn the description of flexible links into bodies; `plane`: of this description, if known.
-
-    Returns:
-        Parts by link name.
-    Raises:
-        DescriptionError: A span that cannot be found, a mass that is not there.
-    """
+    """Flexible links with their bodies, by name; `plane`: of this description, if known."""
     index = {link.name: number for number, link in enumerate(links)}
     plane = plane_of(description, links, {}) if plane is None else plane
     slides = {loop.frame_a for loop in description.loops if loop.kind == "slider"}
@@ -441,12 +428,7 @@ def _moved(root: Array, x: float) -> Array:
 
 
 def with_damping(system: System, name: str, given: Mapping[str, Array]) -> System:
-    """The flexible system with the given damping of some links.
-
-    Raises:
-        DescriptionError: A link that is not flexible; a matrix of another shape, or one that is
-            not symmetric or makes energy.
-    """
+    """The flexible system with the given damping of some links, which must not make energy."""
     D, first = system.D.copy(), int(system.rigid.nv)
     rows = rows_of(system.expansion)
     for link, matrix in given.items():

@@ -16,7 +16,7 @@ from pinflex.arrays import Array
 from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
-from pinflex.mechanics.model.tree import Link
+from pinflex.mechanics.model.tree import Link, poses_of
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -104,25 +104,27 @@ def _leaves_at_the_root(
     )
 
 
+def _below(number: int, links: Sequence[Link]) -> Iterator[int]:
+    """A link and all that hang on it, depth first."""
+    yield number
+    for k, link in enumerate(links):
+        if link.parent == number:
+            yield from _below(k, links)
+
+
 def _next_joint(number: int, links: Sequence[Link]) -> int | None:
     """The first link of a subtree that hangs on a moving joint."""
-    if links[number].steps:
-        return number
-    below = (_next_joint(k, links) for k, link in enumerate(links) if link.parent == number)
-    return next((k for k in below if k is not None), None)
+    return next((k for k in _below(number, links) if links[k].steps), None)
 
 
 def _has(number: int, links: Sequence[Link], names: set[str]) -> bool:
     """Whether a subtree has one of these frames."""
-    if links[number].name in names:
-        return True
-    return any(_has(k, links, names) for k, below in enumerate(links) if below.parent == number)
+    return any(links[k].name in names for k in _below(number, links))
 
 
 def _mass(number: int, links: Sequence[Link]) -> float:
     """Mass of a subtree [kg]."""
-    below = (_mass(k, links) for k, link in enumerate(links) if link.parent == number)
-    return float(links[number].inertia.mass) + sum(below)
+    return sum(float(links[k].inertia.mass) for k in _below(number, links))
 
 
 def _point(
@@ -241,10 +243,7 @@ def plane_of(description: Description, links: Sequence[Link], spans: Spans) -> P
 
     All joints turn about one direction, and everything that acts is in the plane across it.
     """
-    poses: list[pin.SE3] = []
-    for link in links:
-        above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
-        poses.append(above * link.placement)
+    poses = poses_of(links)
     cut = {loop.name for loop in description.loops if loop.clearance is not None}
     normal = _common_axis(links, poses, cut)
     if normal is None:

@@ -66,6 +66,15 @@ class Link:
         return _weighs(self.inertia)
 
 
+def poses_of(links: Sequence[Link]) -> list[pin.SE3]:
+    """Poses of the links at zero joint angles, in the world."""
+    poses: list[pin.SE3] = []
+    for link in links:
+        above = poses[link.parent] if link.parent >= 0 else pin.SE3.Identity()
+        poses.append(above * link.placement)
+    return poses
+
+
 def model_of(description: Description) -> pin.Model:
     """The URDF as Pinocchio reads it, with the gravity and the base of the YAML."""
     where = description.urdf_name
@@ -99,11 +108,7 @@ def _carry(model: pin.Model, payload: Payload) -> None:
 def link_tree(
     model: pin.Model, extras: Mapping[str, JointExtra], coupled: Collection[str] = ()
 ) -> tuple[Link, ...]:
-    """Undo Pinocchio's merging of fixed joints: one record per link, parents first.
-
-    Returns:
-        The links in depth-first order.
-    """
+    """Undo Pinocchio's merging of fixed joints: one record per link, in depth-first order."""
     frames = model.frames
     own = _own_inertias(model)
     links: list[Link] = []
@@ -261,7 +266,7 @@ def add_rotors(model: pin.Model, description: Description) -> None:
     """Write the rotors' inertias to the model's armature."""
     for name, extra in description.joints.items():
         if extra.armature:
-            model.armature[_rows_of(model, name)] = extra.armature
+            model.armature[joint_rows(model, name)] = extra.armature
 
 
 def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, Array]:
@@ -270,9 +275,9 @@ def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, 
     found: list[tuple[int, int, int, float, float]] = []
     for name, extra in description.joints.items():
         if extra.viscous:
-            damping[_rows_of(model, name)] = extra.viscous
+            damping[joint_rows(model, name)] = extra.viscous
         if extra.spring:
-            rows = _rows_of(model, name)
+            rows = joint_rows(model, name)
             if len(rows) != 1:
                 raise DescriptionError(
                     f"{description.name}: joints.{name}.spring: {len(rows)} axes in one joint. "
@@ -281,17 +286,12 @@ def joint_springs(description: Description, model: pin.Model) -> tuple[Springs, 
             joint = model.joints[model.getJointId(name)]
             paired = int(joint.nq == 2)
             found.append((joint.idx_v, joint.idx_q, paired, extra.spring, extra.rest))
-    springs = Springs(
-        np.array([f[0] for f in found], dtype=np.intp),
-        np.array([f[1] for f in found], dtype=np.intp),
-        np.array([f[2] for f in found], dtype=np.intp),
-        np.array([f[3] for f in found], dtype=float),
-        np.array([f[4] for f in found], dtype=float),
-    )
-    return springs, damping
+    at = np.array([f[:3] for f in found], dtype=np.intp).reshape(-1, 3).T
+    law = np.array([f[3:] for f in found], dtype=float).reshape(-1, 2).T
+    return Springs(*(x.copy() for x in (*at, *law))), damping
 
 
-def _rows_of(model: pin.Model, name: str) -> list[int]:
+def joint_rows(model: pin.Model, name: str) -> list[int]:
     """Velocity rows of a URDF joint; a universal joint is two: NAME.1 and NAME.2."""
     rows: list[int] = []
     for joint_name in (name, f"{name}.1", f"{name}.2"):
@@ -391,11 +391,7 @@ def turning(bodies: Sequence[FlexibleBody]) -> Array:
 
 
 def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> Split:
-    """Share a link's inertia between a beam and riders.
-
-    Returns:
-        The shares; `share` is 0 where no part of the beam fits.
-    """
+    """Share a link's inertia between a beam and riders; 0 where no part of the beam fits."""
     units = np.append(np.ones(3), np.full(3, 1.0 / length)) / np.sqrt(link.mass)
     scale = np.outer(units, units)
     whole, points = scale * link.matrix(), scale * travelling(bodies)
