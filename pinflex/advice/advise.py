@@ -4,9 +4,10 @@ Everything is measured on the motion itself by cheap runs of a model richer than
 (`reduced_models`): every plane, stretch, twist, term, one more mode. Rigid torques, the
 balance of every instant, the linear vibration and smaller models are held against its linear
 vibration, twice corrected for what is not linear (`probe`); a short coupled run holds that to the
-full equations. At the end the model that is proposed is held against one of all that and one more
-segment in each link (`error_bars`). An error bar is twice what was measured, and what the
-corrections leave: of time integration and of the model; errors are relative, as in levels.outputs.
+full equations. Where corrections hardly change anything, models are compared without. At the end
+the model that is proposed is held against one of all that and one more segment in each link
+(`error_bars`). An error bar is twice what was measured, and what the corrections leave: of time
+integration and of the model; errors are relative, as in levels.outputs.
 """
 
 from __future__ import annotations
@@ -55,6 +56,9 @@ _WORTH = 0.7  # of the error bar: segments that leave more do not pay
 _NEXT_TO_NOTHING = 0.02  # of what is allowed: the model that is left is as good as the richer one
 _RUN = 0.125  # of the tolerance: that of the run that is proposed, whose bar is twice as much
 _DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs are taken
+# Of what is allowed: where corrections change no more of an output, prices go without them, which
+# saves half of the marches and all residuals. That much of the largest price they miss at most.
+_LINEAR = 0.1
 _LOOKS = 5  # stages that are told
 _UNTRIED = "more segments were not tried, and are not in the bars"
 
@@ -174,14 +178,16 @@ class _Study:
         )
         self.notes = self._doubts()
         self.fast: Errors = {}  # what a coupled run of the first part shows beyond the probes
+        self.linear = False  # where corrections hardly change anything
         self.by_runs = False  # where the probes miss too much
+        self.corrections = 1  # of the motions of smaller models
         self.tail: Errors = {}  # of the modes beyond the last one tried
         self.doubts: Errors = {}  # where that is more than expected
 
     def advice(self, mechanism: Mechanism, fixed: bool) -> Advice:
         """The level first; then, where links bend at all, what they can do without."""
         try:
-            once, levels, seconds = self._levels()
+            once, ked, levels, seconds = self._levels()
         except ConvergenceError as failed:
             why = f"linear vibration does not describe it ({failed})"
             return replace(self.plain, why=why, notes=tuple(self.notes))
@@ -197,6 +203,8 @@ class _Study:
             found = replace(found, run_tol=None)
         if level == "quasistatic":
             found = replace(found, run_tol=tol * _STILL)
+        if level == "coupled" and self.linear:
+            once, self.corrections = ked, 0
         if level == "rigid" or fixed:
             found = self._segmented(mechanism, found)
         else:
@@ -224,8 +232,9 @@ class _Study:
         terms, on = self._terms(mechanism, once, room)
         self._tell(2, _LOOKS)
         small = fewer.smaller(
-            self.rich, self.probe, self.outputs, once, room, whole.used, mechanism
-        )
+            self.rich, self.probe, self.outputs, once, room, whole.used, mechanism,
+            self.corrections,
+        )  # fmt: skip
         last = {} if self._cut else small.unsettled
         error = {
             k: x + SAFETY * small.error.get(k, 0.0) + _TAIL * last.get(k, 0.0)
@@ -277,7 +286,7 @@ class _Study:
             off = [f"flexible.{link}.{key}=false" for link, key in terms]
             less, like = self.rich.with_(*off), self.probe
             probe = Probe(less, self.motion, like.end, like.static, like)
-            run = probe.nonlinear(probe.marched(1)[1])
+            run = probe.motion(self.corrections)
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut(f"{what}: without it the motion runs away", {}, False)
         error = Outputs(less, self.motion, probe.t, self.plain.asked).differences(run, whole)
@@ -342,9 +351,11 @@ class _Study:
         """A model at a level, on the instants of the probe; by a run where looks miss too much."""
         like = self.probe
         probe = Probe(model, self.motion, like.end, like.static, like)
+        some = error_bars.compared(probe)
+        if level == "coupled" and not self.corrections:
+            return error_bars.Look(probe, probe.motion(0).at(some), some)
         if level != "coupled" or not self.by_runs:
             return error_bars.look(probe, self.motion, level)
-        some = error_bars.compared(probe)
         run = solve_to_tolerance(self._scene(model, level), probe.t[some], _WITHIN * self.tol)
         return error_bars.Look(probe, run, some)
 
@@ -353,8 +364,8 @@ class _Study:
         spec = replace(model.description.solve, level=level, asked=self.plain.asked)
         return Scene(model, self.motion, spec)
 
-    def _levels(self) -> tuple[Run, dict[str, Errors], dict[str, float]]:
-        """The motion corrected once, error bars by level, and seconds a run would take."""
+    def _levels(self) -> tuple[Run, Run, dict[str, Errors], dict[str, float]]:
+        """The motion corrected once, the linear one, error bars by level, seconds of a run."""
         probe, differ = self.probe, self.outputs.differences
         linear, corrected, twice = probe.marched(2)
         once, best, ked = probe.nonlinear(corrected), probe.nonlinear(twice), probe.linear(linear)
@@ -378,6 +389,7 @@ class _Study:
             return {k: SAFETY * e + left[k] for k, e in error.items()}
 
         self._allow(best)
+        self.linear = not self.by_runs and self.plain.used(first) <= _LINEAR
         levels = {"rigid": bars(differ(probe.rigid(), best))}
         levels["quasistatic"], seconds["quasistatic"] = dict.fromkeys(left, np.inf), np.inf
         began = time.perf_counter()
@@ -395,7 +407,7 @@ class _Study:
         # Twice the tolerance of its run, and what is too fast for the looks by which models are
         # compared: in that two models may differ wholly.
         levels["coupled"] = {k: 2 * _RUN * self.tol + self.fast.get(k, 0.0) for k in left}
-        return once, levels, seconds
+        return once, ked, levels, seconds
 
     def _runs(self) -> tuple[Run, Run] | None:
         """Levels coupled and ked of the whole motion, where the estimate is not to be believed.

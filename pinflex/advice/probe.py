@@ -396,6 +396,11 @@ class Probe:
         torque = self.dynamics.residual(*self._state(found), self.t).r[:, self.system.motors]
         return self._run(found, torque)
 
+    def motion(self, times: int, shapes: Array | None = None) -> Run:
+        """The run of a deviation that is corrected so many times, as in `marched`."""
+        found = self.marched(times, shapes)[-1]
+        return self.nonlinear(found) if times else self.linear(found)
+
     def rigid(self) -> Run:
         """The undeformed motion and its torques."""
         return self._run(self._none(self.steps), self._load[:, self.system.motors])

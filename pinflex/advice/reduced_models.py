@@ -113,8 +113,12 @@ def smaller(
     room: float,
     used: Callable[[Errors], float],
     loaded: Mechanism,
+    corrections: int = 1,
 ) -> Smaller:
-    """Leave out whatever keeps the error bar of all that is left out within `room`."""
+    """Leave out whatever keeps the error bar of all that is left out within `room`.
+
+    Motions are corrected as often as that of the `whole` was.
+    """
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, needed = whole, [], {}, False
     accepted: Changes = {}
@@ -122,7 +126,7 @@ def smaller(
         if mode is not None and mode > 0 and needed:
             continue  # where three modes are needed, two will not do
         changes = _together(accepted, more)
-        found = _without(rich, probe, kept.parts, changes)
+        found = _without(rich, probe, kept.parts, changes, corrections)
         if found is None or found[1] == kept.coordinates:
             continue
         parts, n, run = found
@@ -146,7 +150,11 @@ def _output_differences(outputs: Outputs, run: Run, other: Run) -> Errors:
 
 
 def _without(
-    rich: Mechanism, probe: Probe, parts: Mapping[str, FlexiblePart], changes: Changes
+    rich: Mechanism,
+    probe: Probe,
+    parts: Mapping[str, FlexiblePart],
+    changes: Changes,
+    corrections: int,
 ) -> tuple[dict[str, FlexiblePart], int, Run] | None:
     """Parts, coordinates and motion with links changed, or None where that is no model."""
     kept = {link: part for link, part in parts.items() if changes.get(link, {}) is not None}
@@ -159,10 +167,9 @@ def _without(
             return None
         n += len(rich.flexible.expansion.drives)
         shapes = shapes_of(rich.flexible, kept)
-        _, fewer = probe.marched(1, shapes)
+        return kept, n, probe.motion(corrections, shapes)
     except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):
         return None
-    return kept, n, probe.nonlinear(fewer)
 
 
 def _edited(spec: FlexibleLink, changes: dict[str, int] | None) -> FlexibleLink:
