@@ -495,7 +495,7 @@ def _laid_out(
     header["marches"] = [image.add_structure(kernel.at) for kernel in kernels]
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
-    header["inputs"] = [image.add_structure(kernel._inputs[1]) for kernel in kernels]
+    header["inputs"] = [image.add_structure(kernel._inputs.at) for kernel in kernels]
     kept = _Kept(image)
     header["outputs"] = outputs(scene.mechanism, system, kept)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
@@ -583,18 +583,16 @@ def _flat(tables: Tables) -> dict[str, Array]:
 
 
 def _add_tables(image: Image, tables: Tables) -> int:
-    arrays = tables.arrays
-    addresses = {name: array.ctypes.data for name, array in arrays.items()}
-    image.add_arrays(arrays, addresses, {name: name for name in arrays})
-    return image.add_structure(tables._structure)
+    image.add_arrays(tables.arrays, tables.addresses, {name: name for name in tables.arrays})
+    return image.add_structure(tables.at)
 
 
 def _add_march(image: Image, stages: StageKernel, kernel: MarchKernel, head: str) -> None:
     """The arrays and structures of one march and of its stages."""
-    for blocks, names in ((stages._keep, _GIVEN_STAGES), (kernel._keep, _GIVEN_MARCH)):
-        for block in blocks:
-            image.add_arrays(block.arrays, block.addresses, {n: head + n for n in names})
-    block, inputs = kernel._inputs
-    image.add_arrays(block.arrays, block.addresses, {n: f"{head}in/{n}" for n in block.arrays})
-    image.add_structure(stages._structure)
-    image.add_structure(inputs)
+    records = (stages, _GIVEN_STAGES), (kernel._steps, ()), (kernel._run, _GIVEN_MARCH)
+    for record, names in records:
+        image.add_arrays(record.arrays, record.addresses, {n: head + n for n in names})
+    inputs = kernel._inputs
+    image.add_arrays(inputs.arrays, inputs.addresses, {n: f"{head}in/{n}" for n in inputs.arrays})
+    image.add_structure(stages.at)
+    image.add_structure(inputs.at)

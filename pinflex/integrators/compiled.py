@@ -13,7 +13,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
-from pinflex.kernel.march import Marched, MarchKernel, Rows, Scheme, StageKernel, Table
+from pinflex.kernel.march import Given, MarchKernel, Rows, StageKernel, Table, columns_of, no_table
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.model.system import System
 
@@ -33,23 +33,23 @@ class CompiledStages:
         m = self.method = method
         self.table: tuple[tuple[object, ...], Table | None] = ((), None)
         self._march: tuple[tuple[int, ...], MarchKernel] | None = None
-        scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
-        self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
+        self.compiled, self.kernel = compiled, StageKernel(compiled, m.arrays, rows)
         self.kind = _kind(method, rows.prescribed)
 
-    def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
+    def march(self, given: Given, table: Table | None, room: tuple[int, int]) -> MarchKernel:
         """The arrays of a run by these stages: those of the last one, where they fit."""
-        fits = (*room, len(marched.measured), int(marched.weight is None), len(marched.stops))
+        table = table or no_table(columns_of(self.kernel.counts))
+        fits = (*room, len(given["measured_at"]), int("weight" in given), len(given["stop_at"]))
         if self._march is not None and self._march[0] == fits:
-            self._march[1].begin_anew(marched, table)
+            self._march[1].begin_anew(given, table)
         else:
-            self._march = fits, MarchKernel(self.kernel, marched, table, *room)
+            self._march = fits, MarchKernel(self.kernel, given, table, *room)
         return self._march[1]
 
     @property
     def size(self) -> int:
         """Bytes of its arrays."""
-        return self.kernel.size + (0 if self._march is None else self._march[1].size)
+        return self.kernel.raw.nbytes + (0 if self._march is None else self._march[1].size)
 
 
 class Stages:
@@ -94,7 +94,8 @@ def _lent(problem: Problem, method: Collocation) -> CompiledStages:
         found = CompiledStages(dynamics.compiled, method, _rows(problem))
     found.kernel.take_hold(problem.sampler is not None)
     if drive is not None:
-        found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
+        for name in ("kp", "kd"):
+            found.kernel.arrays[name][...] = getattr(drive, name)
     return found  # type: ignore[no-any-return]
 
 

@@ -17,7 +17,7 @@ from pinflex.integrators.collocation import AlphaScheme, implicit_euler
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.problem import Run, Settings
-from pinflex.kernel.march import AlphaKernel, Iteration, LawKernel
+from pinflex.kernel.march import AlphaKernel, LawKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads, gear_name
@@ -219,9 +219,6 @@ class CompiledAlpha:
         """
         self._march, self._stages, self._found = march, stages, found
         path, (mass, by_v, by_y) = march.path, march.weights
-        given = Iteration(
-            march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
-        )
         drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
         feed = path.acceleration if drive is None else drive.feed_forward
         motors = path.position, path.velocity, feed, scale
@@ -229,7 +226,10 @@ class CompiledAlpha:
         if signals is not None:
             found = *found, signals.u, signals.measured
             self._found = found
-        self.kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
+        self.kernel = AlphaKernel(
+            stages.compiled.kernel, march.predictor, motors, found, law, mass=mass, by_v=by_v,
+            by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS, farthest=march.farthest,
+        )  # fmt: skip
         self._at: Step | None = None  # where its own last step ended
         self.kernel.at.reference = self.scale(begin)
 

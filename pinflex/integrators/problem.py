@@ -82,7 +82,7 @@ def _solved(S: Array, b: Array, n: int, compiled: Compiled | None) -> Array:
     if not len(b):
         return b
     if compiled is not None:  # in linear time, where loops lie in a row
-        return np.asarray(scale * compiled.evaluator.saddle(S, b))
+        return np.asarray(scale * compiled.saddle(S, b))
     if np.linalg.cond(S, 1) < 1e14:  # by the inverse: half the time of an SVD
         return np.asarray(scale * np.linalg.solve(S, b))
     return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])

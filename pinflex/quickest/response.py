@@ -26,7 +26,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
 from pinflex.integrators.problem import Run
-from pinflex.kernel.evaluate import entries_of, linear_systems
+from pinflex.kernel.evaluate import entries_of
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
@@ -292,7 +292,7 @@ class _March:
         rows, all_ = lam.shape[1], np.arange(n)
         at = entries_of("MCKJ", n, rows, all_, all_)
         result = np.empty((len(t), len(at)))
-        linear_systems(compiled.evaluator, (y, v, a, lam, compiled.scale(t)), at, result)
+        compiled.linear_systems((y, v, a, lam, t), at, result)
         square = result[:, : 3 * n * n].reshape(-1, 3, n, n)
         J = result[:, 3 * n * n :].reshape(len(t), rows, n)
         return [self._damped(_System(x[0], x[1], x[2], J[i]), y[i]) for i, x in enumerate(square)]

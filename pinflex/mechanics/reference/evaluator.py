@@ -14,19 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.mechanics.evaluation.compiled import (
-    Closure,
-    Energies,
-    JointForces,
-    Kinematics,
-    Tangent,
-)
+from pinflex.kernel.evaluate import Closure, Energies, JointForces, Tangent
 from pinflex.mechanics.kinks import Pull
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.strain import Strain
@@ -216,6 +210,22 @@ class Configuration:
     def times_map(self, D: Array) -> Array:
         """D X, shape (..., k, nv), of D (k, nV) of one state or (n, k, nV) of all."""
         return D if self.X is None else (D @ self.X).reshape(*D.shape[:-1], -1)
+
+
+class Kinematics(NamedTuple):
+    """Joints at n states.
+
+    Attributes:
+        here: Expanded configurations and map.
+        poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.manifold`.
+        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
+            without rates.
+    """
+
+    here: Configuration
+    poses: Array
+    J: Array
+    dJ: Array
 
 
 @dataclass(frozen=True, eq=False)
