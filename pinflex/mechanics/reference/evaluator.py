@@ -399,8 +399,7 @@ class Reference:
             here, poses, Y,
             lambda on, s: closures.by_time(on, here.V[s], here.A[s], J[s], dJ[s], V[s, self._v :]),
         )  # fmt: skip
-        assert found.hess is not None
-        return found.hess[:, :, 0, 0]
+        return found.bend[:, :, 0]
 
     def _rows(
         self, here: Configuration, poses: Array, Y: Array, moves: Callable[[Closures, slice], Moves]
