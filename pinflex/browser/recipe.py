@@ -60,7 +60,7 @@ def tabulate(
     inner = [x for x in sorted(corners) if ends[0] < x < ends[1] - near]
     corners = [*inner, ends[1]]
     asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
-    n, forces = len(problem.motors), radau.compiled.kernel.counts["forces"]
+    n, forces = len(problem.motors), radau.kernel.counts["forces"]
     kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
     table = tabulated(radau.at, kinds, *ends, corners) or _spline(radau, ends, inner)
     if table is None:
@@ -68,7 +68,7 @@ def tabulate(
             f"{motion.kind}: a motion that is no smooth function of time between its breaks: a "
             "page that computes cannot prescribe it."
         )
-    radau.compiled.table = asked_for, table
+    radau.kernel.table = asked_for, table
 
 
 def _spline(radau: Radau, ends: tuple[float, float], inner: Sequence[float]) -> Table | None:
@@ -469,7 +469,7 @@ def recipe(
         scene.mechanism.name, radau, scene._begun, ends, {RESTARTS: jumps},
         SHORT * (ends[1] - ends[0]), (TOGETHER, TOGETHER + 1),
     )  # fmt: skip
-    radau.compiled.table = (), None  # of other runs
+    radau.kernel.table = (), None  # of other runs
     march._at.resolution = resolution
     close = newton_tolerance(resolution, radau.loose)
     at = march._at
@@ -489,7 +489,7 @@ def _laid_out(
     header: dict[str, Any] = {"tables": _add_tables(image, _wide(system.tables, pattern))}
     weights = [np.zeros(0), once._guess, twice._guess]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
-        _add_march(image, each.compiled.kernel, kernel, f"{k}/")
+        _add_march(image, each.kernel, kernel, f"{k}/")
         if W.size:
             image.add_arrays({"W": W}, {"W": W.ctypes.data}, {"W": f"{k}/W"})
     header["marches"] = [image.add_structure(kernel.at) for kernel in kernels]

@@ -91,7 +91,7 @@ class Corrector:
         m, none = self.stages.method, np.zeros(0, dtype=np.intp)  # nothing is judged
         room = int(steps.kernel.at.capacity), 0
         given = {"measured_at": none, "weight": none, "stop_at": none, "kind": none}
-        made = self.stages.compiled.march(m.powers | given, steps.table, room)
+        made = self.stages.kernel.march(m.powers | given, steps.table, room)
         made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 

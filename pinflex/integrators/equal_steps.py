@@ -219,7 +219,7 @@ class CompiledAlpha:
         """
         self._march, self._stages, self._found = march, stages, found
         path, (mass, by_v, by_y) = march.path, march.weights
-        drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
+        drive, scale = march.drive, stages.kernel.evaluator.scale(path.t)
         feed = path.acceleration if drive is None else drive.feed_forward
         motors = path.position, path.velocity, feed, scale
         law, signals = None if march.feedback is None else _law(march), march.signals
@@ -227,7 +227,7 @@ class CompiledAlpha:
             found = *found, signals.u, signals.measured
             self._found = found
         self.kernel = AlphaKernel(
-            stages.compiled.kernel, march.predictor, motors, found, law, mass=mass, by_v=by_v,
+            stages.kernel, march.predictor, motors, found, law, mass=mass, by_v=by_v,
             by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS, farthest=march.farthest,
         )  # fmt: skip
         self._at: Step | None = None  # where its own last step ended

@@ -15,6 +15,8 @@ from pinflex.errors import PinflexError
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import Record, constant, names, structure
 
+Given = Mapping[str, npt.NDArray[Any]]
+
 
 class Rows(NamedTuple):
     """Coordinates of a system by how they move, see `Stages` in source/stages.h.
@@ -43,8 +45,9 @@ class StageKernel(Record):
     """The stages of one step at a time: `Stages` in source/stages.h.
 
     Attributes:
-        counts: Sizes by name. functions: The C code. tables, work: Addresses of the system and its
-            workspace.
+        evaluator: The system. counts: Sizes by name. functions: The C code. tables, work: Addresses
+            of the system and its workspace.
+        table: What the last run prescribed, and of what its table was made.
     """
 
     def __init__(self, evaluator: Evaluator, scheme: dict[str, Array], rows: Rows) -> None:
@@ -62,8 +65,28 @@ class StageKernel(Record):
             "size": size, "part": 2 * values * size + n["nv"], "pivots": values * size + order,
         }  # fmt: skip
         super().__init__("Stages", sizes, rows._asdict() | scheme)
-        self._keep, self.functions, self.work = evaluator, evaluator.functions, evaluator.work
+        self.evaluator, self.functions, self.work = evaluator, evaluator.functions, evaluator.work
         self.tables = evaluator.tables.address
+        self.table: tuple[tuple[object, ...], Table | None] = ((), None)
+        self._march: tuple[tuple[int, ...], MarchKernel] | None = None
+
+    def march(self, given: Given, table: Table | None, room: tuple[int, int]) -> MarchKernel:
+        """The arrays of a run by these stages: those of the last one, where they fit.
+
+        `room`: for steps and tangents. Without a table inputs are given stage by stage.
+        """
+        table = table or _no_table(columns_of(self.counts))
+        fits = (*room, len(given["measured_at"]), int("weight" in given), len(given["stop_at"]))
+        if self._march is not None and self._march[0] == fits:
+            self._march[1].begin_anew(given, table)
+        else:
+            self._march = fits, MarchKernel(self, given, table, *room)
+        return self._march[1]
+
+    @property
+    def size(self) -> int:
+        """Bytes of its arrays."""
+        return self.raw.nbytes + (0 if self._march is None else self._march[1].size)
 
     def take_hold(self, acts: bool) -> None:
         """Let a digital controller act, with no force at first, or none."""
@@ -219,14 +242,11 @@ class Table:
     gap: float
 
 
-def no_table(columns: int) -> Table:
+def _no_table(columns: int) -> Table:
     """Inputs that are given stage by stage."""
     none = np.zeros(0)
     values = np.zeros((0, 0, columns))
     return Table(none, none, none, none, none, values, none, np.zeros((0, columns)), 0.0)
-
-
-Given = Mapping[str, npt.NDArray[Any]]
 
 
 class MarchKernel:

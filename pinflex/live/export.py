@@ -41,8 +41,8 @@ _SETTINGS = (
 
 def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
     """The file model.c of a simulator where it stands."""
-    stages = engine.stages.compiled.kernel
-    tables = engine.stages.compiled.compiled.tables
+    stages = engine.stages.kernel
+    tables = stages.evaluator.tables
     arrays = {f"t_{name}": x for name, x in tables.arrays.items()}
     lists = {name: stages.arrays[name] for name in _LISTS}
     arrays |= {f"s_{name}": x for name, x in lists.items()}
