@@ -160,7 +160,7 @@ class Forward:
         forces, gap, first = self._open(y, found.lam + lam, motors)
         d, _ = self._departure(forces, gap)
         platform, target = self._instant.platform, self._instant.target
-        values = platform.values(self._instant.dynamics.joint_poses(self._manifold.retract(y, d)))
+        values = platform.of(self._instant.dynamics, self._manifold.retract(y, d))
         error = platform.error(values, target.position)
         parts = (np.max(np.abs(x[kept]), axis=0) for x in (error, error - first))
         return np.asarray(np.nan_to_num(sum(parts), nan=np.inf))
