@@ -79,20 +79,18 @@ def integrate(
                 if dynamics.looped:
                     now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
                 last = now
+            begun = k
             if compiled is not None:
-                begun = k
                 stops = (j for j in fresh if j > k)
                 upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
                 k, now, last = compiled.advance(k, now, last, upto)
-                done = record.columns[0][begun + 1 : k + 1]
-                if (off := dynamics.first_off(done)) is not None:
-                    k = begun + off
-                    dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             else:
-                after = march.step(k + 1, now, last)
-                dynamics.require_on_beams(after.y, mechanism.name, float(t[k + 1]))
-                last, now, k = now, after, k + 1
+                last, now, k = now, march.step(k + 1, now, last), k + 1
                 record.keep(k, now)
+            done = record.columns[0][begun + 1 : k + 1]
+            if (off := dynamics.first_off(done)) is not None:
+                k = begun + off
+                dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
     except MotionError as error:

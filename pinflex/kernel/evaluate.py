@@ -19,7 +19,6 @@ from pinflex.kernel.library import Record, constant, kernel, names, shapes
 # The fields and their shapes are those of `Tables` in source/kernel.h, which says what they hold.
 
 COUNTS = names("Tables", ctypes.c_int64)
-ARRAYS = tuple(shapes("Tables"))
 # Arrays of indices, and what they point into.
 _INTO: dict[str, str | int] = {
     "q_at": "nQ", "v_at": "nV", "parent": "nodes", "node_q": "nQ", "node_v": "nV",

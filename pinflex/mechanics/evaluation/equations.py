@@ -348,10 +348,12 @@ class Equations:
             return self.compiled.tangent(y, still, still, lam, 0.0, False)[0]
         return self.reference.mass(y)
 
-    def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
-        """Derivatives by y, v and a, and the closure Jacobian."""
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
+    ) -> Tangent:
+        """Derivatives by y, v and a, and the closure Jacobian; `rates`: see `iteration_matrix`."""
         if self._kernel is not None:
-            return Tangent(*self._kernel.tangent(y, v, a, lam, t))
+            return self._kernel.tangent(y, v, a, lam, t, rates)
         return self.reference.tangent(y, v, a, lam, t)
 
     def iteration_matrix(
@@ -370,10 +372,7 @@ class Equations:
         the order of the step times the elastic rates, and Newton does not miss them in a smooth
         motion.
         """
-        if self._kernel is not None:
-            *parts, J = self._kernel.tangent(y, v, a, lam, t, rates)
-        else:
-            *parts, J = self.reference.tangent(y, v, a, lam, t)
+        *parts, J = self.tangent(y, v, a, lam, t, rates)
         S = sum(w * part for w, part in zip(weights, parts, strict=True) if w)
         return np.asarray(S), J
 
