@@ -13,11 +13,11 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, MotionError, SceneError, SingularityError, nearest
 from pinflex.mechanics import assembly
-from pinflex.mechanics.evaluation.compiled import Kinematics
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import PlatformCoordinates, poses_of_frames
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.model.loads import Attachment
+from pinflex.mechanics.reference.evaluator import Kinematics
 from pinflex.text import brief
 
 if TYPE_CHECKING:

@@ -409,18 +409,17 @@ def _laid_out(
     tables = system.tables
     if pattern is not None:  # entries of zero where a slider may have others
         tables = Tables(tables.counts, tables.arrays | widened(_flat(tables), pattern))
-    addresses = {name: array.ctypes.data for name, array in tables.arrays.items()}
-    image.add_arrays(tables.arrays, addresses, {name: name for name in tables.arrays})
-    header: dict[str, Any] = {"tables": image.add_structure(tables._structure)}
+    image.add_arrays(tables.arrays, tables.addresses, {name: name for name in tables.arrays})
+    header: dict[str, Any] = {"tables": image.add_structure(tables.at)}
     weights = [np.zeros(0), once._guess, twice._guess]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
-        _add_march(image, each.compiled.kernel, kernel, f"{k}/")
+        _add_march(image, each.kernel, kernel, f"{k}/")
         if W.size:
             image.add_arrays({"W": W}, {"W": W.ctypes.data}, {"W": f"{k}/W"})
     header["marches"] = [image.add_structure(kernel.at) for kernel in kernels]
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
-    header["inputs"] = [image.add_structure(kernel._inputs[1]) for kernel in kernels]
+    header["inputs"] = [image.add_structure(kernel._inputs.at) for kernel in kernels]
     header["outputs"] = outputs(scene.mechanism, system, image.keep)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
     header["kicks"] = _kicks(radau.problem, np.array(header["jumps"][1:]), t)
@@ -486,10 +485,10 @@ def _flat(tables: Tables) -> dict[str, Array]:
 
 def _add_march(image: Image, stages: StageKernel, kernel: MarchKernel, head: str) -> None:
     """The arrays and structures of one march and of its stages."""
-    for blocks, names in ((stages._keep, _GIVEN_STAGES), (kernel._keep, _GIVEN_MARCH)):
-        for block in blocks:
-            image.add_arrays(block.arrays, block.addresses, {n: head + n for n in names})
-    block, inputs = kernel._inputs
-    image.add_arrays(block.arrays, block.addresses, {n: f"{head}in/{n}" for n in block.arrays})
-    image.add_structure(stages._structure)
-    image.add_structure(inputs)
+    records = (stages, _GIVEN_STAGES), (kernel._steps, ()), (kernel._run, _GIVEN_MARCH)
+    for record, names in records:
+        image.add_arrays(record.arrays, record.addresses, {n: head + n for n in names})
+    inputs = kernel._inputs
+    image.add_arrays(inputs.arrays, inputs.addresses, {n: f"{head}in/{n}" for n in inputs.arrays})
+    image.add_structure(stages.at)
+    image.add_structure(inputs.at)

@@ -49,9 +49,17 @@ class Collocation:
         return len(self.c)
 
     @property
-    def monomials(self) -> tuple[Array, Array]:
-        """Values at the nodes, and at 0 and the nodes, to coefficients of the powers."""
-        return _monomials(self.s, False), _monomials(self.s, True)
+    def arrays(self) -> dict[str, Array]:
+        """What the kernel reads of it for a step, by name; complex numbers as pairs."""
+        pairs = {"value": self.values, "forward": self.forward, "back": self.back}
+        real = {"c": self.c, "A": self.A, "A2": self.A2, "A2_inverse": self.A2_inverse}
+        pair = {name: np.ascontiguousarray(x, dtype=complex) for name, x in pairs.items()}
+        return real | {name: x.view(float) for name, x in pair.items()}
+
+    @property
+    def powers(self) -> dict[str, Array]:
+        """What it reads for a march: values (at 0 and) at the nodes to coefficients of powers."""
+        return {"basis": _monomials(self.s, False), "basis_0": _monomials(self.s, True)}
 
     def at(self, x: Array) -> Array:
         """Weights of the stages for their polynomial at places x of the step, (len(x), s)."""

@@ -13,60 +13,38 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
-from pinflex.kernel.march import Marched, MarchKernel, Rows, Scheme, StageKernel, Table
-from pinflex.mechanics.evaluation.compiled import Compiled
+from pinflex.kernel.march import MarchKernel, Rows, StageKernel, Table
 from pinflex.mechanics.model.system import System
 
 _BALL, _FREE, _PLANAR = (f"JointModel{kind}" for kind in ("Spherical", "FreeFlyer", "Planar"))
-
-
-class CompiledStages:
-    """Arrays of the stages of one step at a time, and of the march that takes them.
-
-    Attributes:
-        kernel: The arrays of the step. compiled: Residual and tangent of the system.
-        method: The scheme. table: What the last run prescribed, and of what its table was made.
-        kind: Of spare ones, which other runs of the system may take over.
-    """
-
-    def __init__(self, compiled: Compiled, method: Collocation, rows: Rows) -> None:
-        m = self.method = method
-        self.table: tuple[tuple[object, ...], Table | None] = ((), None)
-        self._march: tuple[tuple[int, ...], MarchKernel] | None = None
-        scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
-        self.compiled, self.kernel = compiled, StageKernel(compiled.evaluator, scheme, rows)
-        self.kind = _kind(method, rows.prescribed)
-
-    def march(self, marched: Marched, table: Table, room: tuple[int, int]) -> MarchKernel:
-        """The arrays of a run by these stages: those of the last one, where they fit."""
-        fits = (*room, len(marched.measured), int(marched.weight is None), len(marched.stops))
-        if self._march is not None and self._march[0] == fits:
-            self._march[1].begin_anew(marched, table)
-        else:
-            self._march = fits, MarchKernel(self.kernel, marched, table, *room)
-        return self._march[1]
-
-    @property
-    def size(self) -> int:
-        """Bytes of its arrays."""
-        return self.kernel.size + (0 if self._march is None else self._march[1].size)
 
 
 class Stages:
     """The stages of one problem by one method, lent from the spare ones of the system.
 
     Attributes:
-        problem: What is solved. method: The scheme. compiled: Their arrays.
+        problem: What is solved. method: The scheme. kernel: Their arrays.
     """
 
     def __init__(self, problem: Problem, method: Collocation) -> None:
+        """Raises a PinflexError where the kernel does not serve."""
+        dynamics, drive = problem.dynamics, problem.drive
         self.problem, self.method = problem, method
-        self.compiled = _lent(problem, method)
+        self._kind = method.A.tobytes(), drive is None  # of spare ones
+        if not dynamics.on_kernel or dynamics.compiled is None:
+            raise PinflexError("kernel: it does not serve; plain steps do.")
+        found: StageKernel | None = dynamics.system.spares.acquire(self._kind)
+        if found is None:
+            found = StageKernel(dynamics.compiled, method.arrays, _rows(problem))
+        self.kernel = found
+        found.take_hold(problem.sampler is not None)
+        if drive is not None:
+            for name in ("kp", "kd"):
+                found.arrays[name][...] = getattr(drive, name)
 
     def __del__(self) -> None:
-        if (compiled := self.__dict__.get("compiled")) is not None:
-            system = self.problem.dynamics.system
-            system.spares.release(compiled.kind, compiled, compiled.size)
+        if (kernel := self.__dict__.get("kernel")) is not None:
+            self.problem.dynamics.system.spares.release(self._kind, kernel, kernel.size)
 
     def at(self, t: Array) -> Array:
         """Motors' position, velocity, acceleration (or torque) and shares of loads, (k, n)."""
@@ -79,28 +57,8 @@ class Stages:
     def _columns(self, path: MotorPath, seen: Array) -> Array:
         drive = self.problem.drive
         feed = path.acceleration if drive is None else drive.forward(path.t)
-        scale = self.compiled.compiled.scale(seen)
+        scale = self.kernel.evaluator.scale(seen)
         return np.concatenate([path.position, path.velocity, feed, scale], axis=1)
-
-
-def _lent(problem: Problem, method: Collocation) -> CompiledStages:
-    """The stages of a system on the kernel, spare ones or new."""
-    dynamics, drive = problem.dynamics, problem.drive
-    system = dynamics.system
-    if not dynamics.on_kernel or dynamics.compiled is None:
-        raise PinflexError("kernel: it does not serve; plain steps do.")
-    found = system.spares.acquire(_kind(method, drive is None))
-    if found is None or found.method is not method:
-        found = CompiledStages(dynamics.compiled, method, _rows(problem))
-    found.kernel.take_hold(problem.sampler is not None)
-    if drive is not None:
-        found.kernel.kp[...], found.kernel.kd[...] = drive.kp, drive.kd
-    return found  # type: ignore[no-any-return]
-
-
-def _kind(method: Collocation, prescribed: bool) -> object:
-    """Of workspaces that fit each other."""
-    return method.s, prescribed
 
 
 def _rows(problem: Problem) -> Rows:
@@ -194,7 +152,8 @@ def tabulated(
     middle, half, value = middle[order], half[order], value[order]
     # Between two pieces, in the gap of a corner, either holds.
     rest = (middle + half, middle, half, value, whole, corner_value, _AT_CORNER * span)
-    return Table(_nodes(count), _weights(count), *rest)
+    node, weight, *_ = _points(count)
+    return Table(node, weight, *rest)
 
 
 def read(table: Table, t: Array) -> Array:
@@ -224,42 +183,26 @@ def _pieces(
 
     And values at times `more`, for every call of the function has its price.
     """
-    at = np.concatenate([_nodes(count), _between(count)])
+    node, _, between, W = _points(count)
+    at = np.concatenate([node, between])
     times = (middle[:, None] + half[:, None] * at).ravel()
     found = function(np.concatenate([times, more]))
     inner, others = found[: len(times)].reshape(len(middle), len(at), -1), found[len(times) :]
     values, wanted = inner[:, :count], inner[:, count:]
-    return values, np.abs(_interpolation(count) @ values - wanted).max(axis=1, initial=0.0), others
+    return values, np.abs(W @ values - wanted).max(axis=1, initial=0.0), others
 
 
 @cache
-def _angles(count: int) -> Array:
-    return np.asarray(np.pi * (np.arange(count) + 0.5) / count)
+def _points(count: int) -> tuple[Array, Array, Array, Array]:
+    """Zeros of the Chebyshev polynomial, their barycentric weights, and points between them.
 
-
-@cache
-def _nodes(count: int) -> Array:
-    """Zeros of the Chebyshev polynomial."""
-    return np.asarray(np.cos(_angles(count)))
-
-
-@cache
-def _weights(count: int) -> Array:
-    """Barycentric weights of the nodes."""
-    return np.asarray(np.where(np.arange(count) % 2, -1.0, 1.0) * np.sin(_angles(count)))
-
-
-@cache
-def _between(count: int) -> Array:
-    """Points between the nodes."""
-    return np.asarray(np.cos(_angles(count)[:-1] + 0.5 * np.pi / count))
-
-
-@cache
-def _interpolation(count: int) -> Array:
-    """Values at the nodes to those between them, shape (nodes - 1, nodes)."""
-    W = _weights(count) / (_between(count)[:, None] - _nodes(count))
-    return np.asarray(W / W.sum(axis=1, keepdims=True))
+    And values at the zeros to those between, shape (count - 1, count).
+    """
+    angle = np.pi * (np.arange(count) + 0.5) / count
+    node, weight = np.cos(angle), np.where(np.arange(count) % 2, -1.0, 1.0) * np.sin(angle)
+    between = np.cos(angle[:-1] + 0.5 * np.pi / count)
+    W = weight / (between[:, None] - node)
+    return node, weight, between, np.asarray(W / W.sum(axis=1, keepdims=True))
 
 
 # A batch of steps as the kernel leaves them, and the states that are read off it.

@@ -18,7 +18,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import STATE, Batch, Stages, States
 from pinflex.integrators.problem import Run
-from pinflex.kernel.march import Marched, MarchKernel, no_table
+from pinflex.kernel.march import MarchKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import closure_motion
 
@@ -89,11 +89,9 @@ class Corrector:
     def _made(self, steps: Batch) -> MarchKernel:
         """Room for the corrections of the steps of a run."""
         m, none = self.stages.method, np.zeros(0, dtype=np.intp)  # nothing is judged
-        marched = Marched(*m.monomials, np.zeros(m.s), none, np.zeros((0, 0)), (), none)
-        counts = self.stages.compiled.kernel.counts
-        table = steps.table or no_table(3 * counts["motors"] + counts["forces"])
         room = int(steps.kernel.at.capacity), 0
-        made = self.stages.compiled.march(marched, table, room)
+        given = {"measured_at": none, "weight": none, "stop_at": none, "kind": none}
+        made = self.stages.kernel.march(m.powers | given, steps.table, room)
         made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 

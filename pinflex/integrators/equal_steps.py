@@ -18,7 +18,7 @@ from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.problem import Problem, Run, Settings
-from pinflex.kernel.march import AlphaKernel, Iteration, LawKernel
+from pinflex.kernel.march import AlphaKernel, LawKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads, gear_name
@@ -86,24 +86,22 @@ def integrate(
                 if dynamics.looped:
                     now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
                 last = now
+            begun = k
             if exact is not None and k + 1 in crossed:
                 last = now = _across(mechanism.name, march, exact, now, k, crossed[k + 1])
                 k, fresh = k + 1, fresh | {k + 1}
                 record.keep(k, now)
             elif compiled is not None:
-                begun = k
                 stops = (j for j in (*fresh, *(j - 1 for j in crossed)) if j > k)
                 upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
                 k, now, last = compiled.advance(k, now, last, upto)
-                done = record.columns[0][begun + 1 : k + 1]
-                if (off := dynamics.first_off(done)) is not None:
-                    k = begun + off
-                    dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             else:
-                after = march.step(k + 1, now, last)
-                dynamics.require_on_beams(after.y, mechanism.name, float(t[k + 1]))
-                last, now, k = now, after, k + 1
+                last, now, k = now, march.step(k + 1, now, last), k + 1
                 record.keep(k, now)
+            done = record.columns[0][begun + 1 : k + 1]
+            if (off := dynamics.first_off(done)) is not None:
+                k = begun + off
+                dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
     except (MotionError, ConvergenceError) as error:
@@ -256,17 +254,17 @@ class CompiledAlpha:
         """
         self._march, self._stages, self._found = march, stages, found
         path, (mass, by_v, by_y) = march.path, march.weights
-        given = Iteration(
-            march.predictor, mass, by_v, by_y, march.tolerance, MAX_ITERATIONS, march.farthest
-        )
-        drive, scale = march.drive, stages.compiled.compiled.scale(path.t)
+        drive, scale = march.drive, stages.kernel.evaluator.scale(path.t)
         feed = path.acceleration if drive is None else drive.feed_forward
         motors = path.position, path.velocity, feed, scale
         law, signals = None if march.feedback is None else _law(march), march.signals
         if signals is not None:
             found = *found, signals.u, signals.measured
             self._found = found
-        self.kernel = AlphaKernel(stages.compiled.kernel, given, motors, found, law)
+        self.kernel = AlphaKernel(
+            stages.kernel, march.predictor, motors, found, law, mass=mass, by_v=by_v,
+            by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS, farthest=march.farthest,
+        )  # fmt: skip
         self._at: Step | None = None  # where its own last step ended
         self.kernel.at.reference = self.scale(begin)
 

@@ -24,6 +24,7 @@ from pinflex.errors import ConvergenceError, Ending, SceneError
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.march import MarchKernel
+from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.kinks import RINGS
 from pinflex.results.views import Event
 
@@ -176,9 +177,8 @@ class Events:
         """What impulses of one along rows N (k, nv) change of the velocities, shape (nv, k)."""
         d, free = self._problem.dynamics, self._problem.free
         M, J = d.mass(y, t), d.close(y).J[:, free]
-        n, rows = len(free), len(J)
-        S = np.block([[M[np.ix_(free, free)], -J.T], [J, np.zeros((rows, rows))]])
-        pushed = np.concatenate([N[:, free].T, np.zeros((rows, len(N)))])
+        n, S = len(free), saddle_matrix(M[np.ix_(free, free)], J)
+        pushed = np.concatenate([N[:, free].T, np.zeros((len(J), len(N)))])
         move = np.zeros((len(M), len(N)))
         move[free] = np.linalg.lstsq(S, pushed, rcond=1e-13)[0][:n]
         return move

@@ -33,9 +33,7 @@ from pinflex.kernel.march import (
     SAMPLE,
     START,
     STUCK,
-    Marched,
     Table,
-    no_table,
 )
 from pinflex.mechanics.model.system import System
 
@@ -200,12 +198,12 @@ class March:
         self._span, self._repeated, c = ends[1] - ends[0], 0, radau.control
         times, kind = _stops(ends, stops, c.shortest)
         problem, m = radau.problem, radau.method
-        weight = problem.dynamics.strain.stiffness if radau.by_energy else None
-        marched = Marched(*m.monomials, m.last, radau.measured, weight, times.tolist(), kind)
+        given = m.powers | {"last": m.last, "measured_at": radau.measured}
+        given |= {"stop_at": times, "kind": kind}
+        if radau.by_energy:
+            given["weight"] = problem.dynamics.strain.stiffness
         self._table = _table(radau, ends, times[kind == RESTARTS].tolist())
-        counts = radau.compiled.kernel.counts
-        table = self._table or no_table(3 * counts["motors"] + counts["forces"])
-        self._kernel = radau.compiled.march(marched, table, together)
+        self._kernel = radau.kernel.march(given, self._table, together)
         self._at = at = self._kernel.at
         at.shortest, at.held, at.growth = c.shortest * self._span, c.memory, c.recovery
         at.idle_from, at.idle_to = c.idle
@@ -216,7 +214,7 @@ class March:
         self._kernel.y[...], self._kernel.v[...] = start
         self.events: Events | None = None
         if problem.dynamics.system.kinks.rows:
-            self.events = Events(name, problem, radau.compiled.compiled.evaluator)
+            self.events = Events(name, problem, radau.kernel.evaluator)
             self.events.begin(self._kernel)
         self._start()
         self._origin, self.steps = self._point(), self._batch(0)
@@ -327,7 +325,7 @@ class March:
             return
         found = problem.first(float(self._at.t), k.y.copy(), k.v.copy())
         if problem.sampler is not None:
-            self._radau.compiled.kernel.held[...] = problem.sampler.held
+            self._radau.kernel.arrays["held"][...] = problem.sampler.held
         k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
 
     def _hold(self) -> None:
@@ -367,7 +365,7 @@ class March:
             setattr(at, name, float(steps[name][step]))
         at.h = float(steps["next"][step])
         for name in ("number", "stop", "follows"):
-            setattr(at, name, int(k.integers[name][step]))
+            setattr(at, name, int(steps[name][step]))
         at.count = good
 
 
@@ -390,20 +388,20 @@ def _stops(
 
 def _table(radau: Radau, ends: tuple[float, float], corners: Sequence[float]) -> Table | None:
     """What is prescribed in a run, as polynomials between corners (s); None: it is not smooth."""
-    problem, compiled = radau.problem, radau.compiled
+    problem, kernel = radau.problem, radau.kernel
     system, drive = problem.dynamics.system, problem.drive
-    made_of, table = compiled.table
+    made_of, table = kernel.table
     asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
     # A load that switches is another at the end of one step than at the start of the next.
     if system.loads.timed or made_of == asked_for:
         return table
-    n, forces = len(system.motors), compiled.kernel.counts["forces"]
+    n, forces = len(system.motors), kernel.counts["forces"]
     kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
     table = None
     with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
         pieces = getattr(problem.motion, "pieces", None)
         table = tabulated(radau.at, kinds, *ends, corners, pieces)
-    compiled.table = asked_for, table
+    kernel.table = asked_for, table
     return table
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
+from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.text import brief
@@ -82,7 +83,7 @@ def _solved(S: Array, b: Array, n: int, compiled: Compiled | None) -> Array:
     if not len(b):
         return b
     if compiled is not None:  # in linear time, where loops lie in a row
-        return np.asarray(scale * compiled.evaluator.saddle(S, b))
+        return np.asarray(scale * compiled.saddle(S, b))
     if np.linalg.cond(S, 1) < 1e14:  # by the inverse: half the time of an SVD
         return np.asarray(scale * np.linalg.solve(S, b))
     return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])
@@ -123,12 +124,11 @@ class StepSystem:
         The closures are divided by beta h^2, so that both blocks of J are alike.
         Source: Newmark (1959), A method of computation for structural dynamics, J. Eng. Mech. 85.
         """
-        n, at, h = len(self.free), np.ix_(self.free, self.free), self.h
-        J = self.J[:, self.free]
-        S = np.zeros((n + len(J), n + len(J)))
-        S[:n, :n] = self.M[at] + gamma * h * self.C[at] + beta * h**2 * self.K[at]
-        S[:n, n:], S[n:, :n] = -J.T, J
-        return S, -np.concatenate([self.r[self.free], self.c / (beta * h**2)])
+        at, h = np.ix_(self.free, self.free), self.h
+        S = self.M[at] + gamma * h * self.C[at] + beta * h**2 * self.K[at]
+        return saddle_matrix(S, self.J[:, self.free]), -np.concatenate(
+            [self.r[self.free], self.c / (beta * h**2)]
+        )
 
 
 def build_step(mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.0) -> StepSystem:

@@ -12,10 +12,10 @@ from pinflex.description.motions.motion import Motion, hold
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.exact import EIGHTH, flat, invert, padded, rates, spline
 from pinflex.inversion.target import Balanced, Instant, Target, balanced, delayed, target
+from pinflex.kernel.evaluate import Tangent
 from pinflex.levels.modes import modes
 from pinflex.levels.rigid import solve_rigid
 from pinflex.linalg import eigh, lapack, null_space, saddle, saddle_matrix
-from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 
@@ -146,7 +146,7 @@ class Forward:
         forces, gap, first = self._open(y, found.lam + lam, motors)
         d, _ = self._departure(forces, gap)
         platform, target = self._instant.platform, self._instant.target
-        values = platform.values(self._instant.dynamics.joint_poses(self._manifold.retract(y, d)))
+        values = platform.of(self._instant.dynamics, self._manifold.retract(y, d))
         error = platform.error(values, target.position)
         parts = (np.max(np.abs(x[kept]), axis=0) for x in (error, error - first))
         return np.asarray(np.nan_to_num(sum(parts), nan=np.inf))

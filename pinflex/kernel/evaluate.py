@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import PinflexError
-from pinflex.kernel.library import constant, kernel, names, shapes, structure
+from pinflex.kernel.library import Record, constant, kernel, names, shapes
 
 # Flat tables of one system, as the C code reads them: sizes and types checked here, once.
 #
 # The fields and their shapes are those of `Tables` in source/kernel.h, which says what they hold.
 
-_Tables = structure("Tables")
 COUNTS = names("Tables", ctypes.c_int64)
-# Each array with its shape; "name+1" starts of rows, whose last entry counts what "*name" holds.
-INTEGERS, NUMBERS = shapes("Tables", "Int"), shapes("Tables", "double")
 # Arrays of indices, and what they point into.
 _INTO: dict[str, str | int] = {
     "q_at": "nQ", "v_at": "nV", "parent": "nodes", "node_q": "nQ", "node_v": "nV",
@@ -48,30 +44,23 @@ _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
 }  # fmt: skip
 
 
-class Tables:
+class Tables(Record):
     """Checked tables of one system; the C code may read every entry that they point to.
 
     Attributes:
-        counts: Sizes by name. arrays: By name. address: Of the C structure.
+        counts: Sizes by name.
     """
 
     def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
         self.counts = {name: int(counts[name]) for name in COUNTS}
         sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
-        self.arrays: dict[str, npt.NDArray[Any]] = {}
-        for group, dtype in ((INTEGERS, np.int64), (NUMBERS, np.float64)):
-            for name, shape in group.items():
-                wanted = math.prod(self._size(part, sizes) for part in shape)
-                # What a system has none of is not given: no entries, or where none begin.
-                starts = wanted == 1 and str(shape[0]).endswith("+1")
-                given = arrays[name] if wanted > starts else arrays.get(name, np.zeros(wanted))
-                self.arrays[name] = array = np.ascontiguousarray(given, dtype=dtype)
-                if array.size != wanted:
-                    raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
+        super().__init__("Tables", sizes, arrays)
+        for name, array in self.arrays.items():
+            # What a system has none of is not given: no entries, or where none begin.
+            none = array.size == (1 if shapes("Tables")[name][1][0].endswith("+1") else 0)
+            if name not in arrays and not none:
+                raise PinflexError(f"kernel: {name}: not given.")
         self._check_indices(sizes)
-        pointers = {name: array.ctypes.data for name, array in self.arrays.items()}
-        self._structure = _Tables(**self.counts, **pointers)
-        self.address = ctypes.addressof(self._structure)
 
     def __reduce__(self) -> tuple[type[Tables], tuple[Any, ...]]:
         """Addresses do not travel to another process: it makes its own."""
@@ -79,23 +68,12 @@ class Tables:
 
     def replaced(self, numbers: Mapping[str, npt.ArrayLike]) -> Tables:
         """The same tables with other numbers; indices were checked."""
+        if any(self.arrays[name].dtype != float for name in numbers):
+            raise PinflexError(f"kernel: {sorted(numbers)}: not all of these are numbers.")
         found = Tables.__new__(Tables)
-        found.counts, found.arrays = self.counts, dict(self.arrays)
-        found._structure = _Tables.from_buffer_copy(self._structure)
-        for name, given in numbers.items():
-            found.arrays[name] = array = np.ascontiguousarray(given, dtype=np.float64)
-            if name not in NUMBERS or array.size != self.arrays[name].size:
-                raise PinflexError(f"kernel: {name}: {array.size} entries of other numbers.")
-            setattr(found._structure, name, array.ctypes.data)
-        found.address = ctypes.addressof(found._structure)
+        found.counts = self.counts
+        Record.__init__(found, "Tables", self.sizes, self.arrays | dict(numbers))
         return found
-
-    def _size(self, part: str | int, sizes: Mapping[str, int]) -> int:
-        if isinstance(part, int):
-            return part
-        if part.startswith("*"):
-            return int(self.arrays[part[1:]][-1])
-        return sizes[part[:-2]] + 1 if part.endswith("+1") else sizes[part]
 
     def _check_indices(self, sizes: Mapping[str, int]) -> None:
         """Every index within what it points into; parents before children."""
@@ -121,11 +99,10 @@ class Tables:
         if self.counts["sleeves"]:
             self._check_sleeves(sizes)
         self._check_squares(sizes)
-        for name in (*INTEGERS, *NUMBERS):
-            if name.endswith("_at") and name not in ("q_at", "v_at"):
-                array = self.arrays[name]
-                if array[0] != 0 or np.any(np.diff(array) < 0):
-                    raise PinflexError(f"kernel: {name}: rows that overlap.")
+        for name, array in self.arrays.items():
+            starts = name.endswith("_at") and name not in ("q_at", "v_at")
+            if starts and (array[0] != 0 or np.any(np.diff(array) < 0)):
+                raise PinflexError(f"kernel: {name}: rows that overlap.")
 
     def _check_blocks(self) -> None:
         """Each joint depends on one block, and finds those of the joints before it on its path."""
@@ -190,6 +167,7 @@ class Tables:
 
 _KEPT = 4  # of one kind: runs at the same time are few
 _LARGEST = 1.6e7  # bytes: beside a run that fills a larger one, to make it costs nothing
+_EVERY = 8  # numbers: workspaces start at a multiple of 64 bytes
 
 
 class Spares:
@@ -215,167 +193,199 @@ class Spares:
             spare.append(workspace)
 
 
-_ALIGNED = 64  # bytes
-_SIZES = 64  # numbers of states whose buffers are kept
+# What the equations answer with, by name: values that nothing overwrites.
 
 
-class _Buffers:
-    """Arrays that the C code reads and writes, for n states: their addresses are found once.
+# Named tuples: a frozen dataclass costs eight times as much to make, in every iteration of a step.
+class Residual(NamedTuple):
+    """Forces left to the motors r, shape (n, nv), and closure residuals c, shape (n, rows)."""
+
+    r: Array
+    c: Array
+
+
+class Closure(NamedTuple):
+    """Closure residuals c, shape (n, rows), and their Jacobian J = dc/dy, shape (n, rows, nv)."""
+
+    c: Array
+    J: Array
+
+
+class Tangent(NamedTuple):
+    """Derivatives of r by a, v, y, shape (nv, nv) each, and of c by y, shape (rows, nv)."""
+
+    M: Array
+    C: Array
+    K: Array
+    J: Array
+
+
+class Energies(NamedTuple):
+    """Energies in J, shape (n,): that of dead loads is in `spring`."""
+
+    kinetic: Array
+    gravity: Array
+    elastic: Array
+    spring: Array
+
+
+class JointForces(NamedTuple):
+    """Forces at n states.
 
     Attributes:
-        given: Y, V, A, lam and the scales of the loads. found: R and C.
-        arguments: What the C function is called with.
+        r, c: As in `Residual`. g: Expanded forces rnea - J_Q' lam, shape (n, nV).
+        f: Forces of joints in their own frames, shape (n, joints, 6).
+        wrenches: Of loops on their B, about the origin of frame b, shape (n, loops, 6).
+        sleeves: (x, F, M, segment) of sleeves at three places, shape (n, contacts, 3, 8).
     """
 
-    def __init__(self, n: int, widths: tuple[int, ...], tables: int, work: int) -> None:
-        self.given = tuple(np.empty((n, width)) for width in widths)
-        self.found = tuple(np.empty((n, width)) for width in (widths[1], widths[3]))
-        pointers = (x.ctypes.data for x in (*self.given, *self.found))
-        self.arguments = (tables, work, n, *pointers)
+    r: Array
+    c: Array
+    g: Array
+    f: Array
+    wrenches: Array
+    sleeves: Array
+
+
+Times = Array | Sequence[float | Array]
 
 
 class Evaluator:
     """One system on the kernel, with a workspace of its own (one for each thread).
 
+    States are time-first: y (n, nq), v and a (n, nv), multipliers lam (n, rows) at times t (n,).
+
     Attributes:
         tables: The system. functions: The C code. work: Address of the workspace.
     """
 
-    def __init__(self, tables: Tables) -> None:
-        """Raises a PinflexError where there is no kernel."""
+    def __init__(
+        self, tables: Tables, loads: Sequence[Any] = (), node_of: IntArray | None = None
+    ) -> None:
+        """`loads`: of `FrameForce`. `node_of`: of joints, -1: none; None: nodes are meant.
+
+        Raises:
+            PinflexError: There is no kernel.
+        """
         library = kernel()
         if library.functions is None:
             raise PinflexError(f"kernel: {library.said}.")
         self.functions, self.tables = library.functions, tables
-        n = tables.counts
-        self._widths = (n["nq"], n["nv"], n["nv"], n["closures"], n["forces"])
-        self._work = aligned(self.functions.pinflex_work_size(tables.address))
+        self._loads, self._node_of, n = loads, node_of, tables.counts
+        self._widths = {
+            "y": n["nq"], "v": n["nv"], "a": n["nv"], "lam": n["closures"], "scale": n["forces"]
+        }  # fmt: skip
+        raw = np.zeros(self.functions.pinflex_work_size(tables.address) // 8 + 2 * _EVERY)
+        self._work = raw[-raw.ctypes.data // 8 % _EVERY :]
         self.work: int = self._work.ctypes.data
-        self._buffers: dict[int, _Buffers] = {}
 
-    def residuals(
-        self, Y: Array, V: Array, A: Array, lam: Array, scale: Array
-    ) -> tuple[Array, Array]:
-        """Residuals and what the loops are open by, of several states.
+    def scale(self, t: Times) -> Array:
+        """Shares of the loads that act at times t (n,), shape (n, forces)."""
+        scale = np.empty((len(t), len(self._loads)))
+        for k, load in enumerate(self._loads):
+            scale[:, k] = [load.scale(float(time)) for time in t]
+        return scale
 
-        Returns:
-            Generalised forces (n, nv), N | N m; closures c (n, rows), m.
-        """
-        here = self._buffers.get(len(Y)) or self._new(len(Y))
-        for buffer, array in zip(here.given, (Y, V, A, lam, scale), strict=True):
-            if array.shape != buffer.shape:
-                raise PinflexError(f"kernel: a state of {array.shape}, not {buffer.shape}.")
-            buffer[...] = array
-        self.functions.pinflex_residuals(*here.arguments)
-        R, C = here.found
-        return R.copy(), C.copy()
+    def residual(self, Y: Array, V: Array, A: Array, lam: Array, t: Times) -> Residual:
+        """Residuals and what the loops are open by, of several states."""
+        given = self._given(y=Y, v=V, a=A, lam=lam, scale=self.scale(t))
+        found = Residual(*self._room(len(Y), "v", "lam"))
+        self._call("residuals", len(Y), *given, *found)
+        return found
 
     def closure_motion(self, Y: Array, V: Array, A: Array) -> Array:
         """Closures of several states, and their first and second time derivatives, (3, n, rows)."""
-        given = []
-        for array, width in zip((Y, V, A), self._widths[:3], strict=True):
-            if array.shape != (len(Y), width):
-                raise PinflexError(f"kernel: a state of {array.shape}, not {(len(Y), width)}.")
-            given.append(np.ascontiguousarray(array, dtype=np.float64))
-        found = np.empty((3, len(Y), self._widths[3]))
-        pointers = [x.ctypes.data for x in (*given, *found)]
-        self.functions.pinflex_closure_motion(self.tables.address, self.work, len(Y), *pointers)
+        found = np.empty((3, len(Y), self._widths["lam"]))
+        self._call("closure_motion", len(Y), *self._given(y=Y, v=V, a=A), *found)
         return found
 
     def losses(self, Y: Array, V: Array) -> Array:
         """Power that damping, friction and dampers take, shape (n,), W."""
-        given = [np.ascontiguousarray(array, dtype=np.float64) for array in (Y, V)]
-        if any(x.shape != (len(Y), n) for x, n in zip(given, self._widths[:2], strict=True)):
-            raise PinflexError(f"kernel: states of {Y.shape}, not {(len(Y), self._widths[0])}.")
         power = np.empty(len(Y))
-        pointers = [x.ctypes.data for x in (*given, power)]
-        self.functions.pinflex_losses(self.tables.address, self.work, len(Y), *pointers)
+        self._call("losses", len(Y), *self._given(y=Y, v=V), power)
         return power
 
-    def closures(self, Y: Array) -> tuple[Array, Array]:
+    def closures(self, Y: Array) -> Closure:
         """Closures (n, rows) and their Jacobians (n, rows, nv) at poses Y (n, nq)."""
-        Y, (nq, nv, _, rows, _) = np.ascontiguousarray(Y, dtype=np.float64), self._widths
-        if Y.ndim != 2 or Y.shape[1] != nq:
-            raise PinflexError(f"kernel: closures of {Y.shape}, not (n, {nq}).")
-        c, J = np.empty((len(Y), rows)), np.empty((len(Y), rows, nv))
-        given = self.tables.address, self.work, len(Y), Y.ctypes.data
-        self.functions.pinflex_closures(*given, c.ctypes.data, J.ctypes.data)
-        return c, J
+        given, (c,) = self._given(y=Y), self._room(len(Y), "lam")
+        J = np.empty((*c.shape, self._widths["v"]))
+        self._call("closures", len(Y), *given, c, J)
+        return Closure(c, J)
 
     def sleeves(self, Y: Array) -> Array:
         """Where the sleeves are on their links at poses Y (n, nq), shape (n, sleeves), m."""
-        Y = np.ascontiguousarray(Y, dtype=np.float64)
-        if Y.ndim != 2 or Y.shape[1] != self._widths[0]:
-            raise PinflexError(f"kernel: sleeves at {Y.shape}, not (n, {self._widths[0]}).")
         out = np.empty((len(Y), self.tables.counts["sleeves"]))
-        given = self.tables.address, self.work, len(Y), Y.ctypes.data
-        self.functions.pinflex_sleeves(*given, out.ctypes.data)
+        self._call("sleeves", len(Y), *self._given(y=Y), out)
         return out
 
     def elongations(self, Y: Array) -> Array:
         """What laws of pieces are over, coordinates and springs, at Y (n, nq), shape (n, kinks)."""
-        (Y,) = self._given((Y,))
         out = np.empty((len(Y), self.tables.counts["kinks"]))
-        given = self.tables.address, self.work, len(Y), Y.ctypes.data
-        self.functions.pinflex_elongations(*given, out.ctypes.data)
+        self._call("elongations", len(Y), *self._given(y=Y), out)
         return out
 
-    def poses(self, Y: Array, nodes: npt.ArrayLike) -> Array:
-        """Poses [R | p] of nodes in the world, m, shape (k, n, 3, 4)."""
-        given, wanted = self._given((Y,)), self._nodes(nodes, -1)
+    def poses(self, Y: Array, joints: Sequence[int]) -> Array:
+        """Poses [R | p] of joints in the world, m, shape (k, n, 3, 4)."""
+        given, wanted = self._given(y=Y), self._nodes(joints, -1)
         poses = np.empty((len(wanted), len(Y), 3, 4))
-        self._call("poses", given, len(wanted), (wanted, poses))
+        self._call("poses", len(Y), *given, len(wanted), wanted, poses)
         return poses
 
-    def motions(self, Y: Array, V: Array, A: Array, nodes: npt.ArrayLike) -> tuple[Array, Array]:
-        """Poses (k, n, 3, 4) of nodes, and spatial velocity and acceleration (k, n, 2, 6).
+    def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+        """Poses (k, n, 3, 4) of joints, and spatial velocity and acceleration (k, n, 2, 6).
 
         Returns:
-            Poses in the world; motions of the nodes' origins in their own axes.
+            Poses in the world; motions of the joints' origins in their own axes.
         """
-        given, wanted = self._given((Y, V, A)), self._nodes(nodes, -1)
+        given, wanted = self._given(y=Y, v=V, a=A), self._nodes(joints, -1)
         poses, rates = np.empty((len(wanted), len(Y), 3, 4)), np.empty((len(wanted), len(Y), 2, 6))
-        self._call("motions", given, len(wanted), (wanted, poses, rates))
+        self._call("motions", len(Y), *given, len(wanted), wanted, poses, rates)
         return poses, rates
 
-    def energies(self, Y: Array, V: Array, scale: Array) -> Array:
-        """Kinetic, gravity, elastic and spring energy, J, shape (4, n)."""
-        given, found = self._given((Y, V, scale), (0, 1, 4)), np.empty((4, len(Y)))
-        self._call("energies", given, None, (found,))
-        return found
+    def energies(self, Y: Array, V: Array, t: Times) -> Energies:
+        """Energies of several states, J."""
+        scale = self.scale(t) * [load.potential for load in self._loads]
+        found = np.empty((4, len(Y)))
+        self._call("energies", len(Y), *self._given(y=Y, v=V, scale=scale), found)
+        return Energies(*found)
 
-    def forces(
-        self, Y: Array, V: Array, A: Array, lam: Array, scale: Array, nodes: npt.ArrayLike
-    ) -> tuple[Array, ...]:
-        """Residuals and closures as `residuals`, and what joints, loops and sleeves carry.
-
-        Returns:
-            r (n, nv), c (n, rows), expanded forces (n, nV), wrenches of nodes in their own axes
-            (n, k, 6), of loops on their B in the world (n, loops, 6), and (x, F, M, segment) of
-            sleeves at three places (n, sleeves, 3, 8).
-        """
-        given, wanted, n = self._given((Y, V, A, lam, scale)), self._nodes(nodes, 0), len(Y)
-        count = self.tables.counts
-        shapes = ((count["nv"],), (count["closures"],), (count["nV"],), (len(wanted), 6),
-                  (count["loops"], 6), (count["sleeves"], 3, 8))  # fmt: skip
-        found = tuple(np.empty((n, *shape)) for shape in shapes)
-        self._call("forces", given, len(wanted), (wanted, *found))
+    def joint_forces(
+        self, Y: Array, V: Array, A: Array, lam: Array, t: Times, joints: Sequence[int]
+    ) -> JointForces:
+        """Forces of joints, loops and sleeves at several states."""
+        given = self._given(y=Y, v=V, a=A, lam=lam, scale=self.scale(t))
+        wanted, n, count = self._nodes(joints, 0), len(Y), self.tables.counts
+        shapes = ((count["nV"],), (len(wanted), 6), (count["loops"], 6), (count["sleeves"], 3, 8))
+        own = (np.empty((n, *shape)) for shape in shapes)
+        found = JointForces(*self._room(n, "v", "lam"), *own)
+        self._call("forces", n, *given, len(wanted), wanted, *found)
         return found
 
     def tangent(
-        self, y: Array, v: Array, a: Array, lam: Array, scale: Array, rates: bool = True
-    ) -> tuple[Array, Array, Array, Array]:
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
+    ) -> Tangent:
         """M, C, K, the derivatives of the residual by a, v and y, (nv, nv), and J (rows, nv)."""
-        nv, rows, given = self._widths[1], self._widths[3], []
-        for array, width in zip((y, v, a, lam, scale), self._widths, strict=True):
-            if array.shape != (width,):
-                raise PinflexError(f"kernel: a state of {array.shape}, not {(width,)}.")
-            given.append(np.ascontiguousarray(array, dtype=np.float64))
-        found = np.empty((3, nv, nv)), np.empty((rows, nv))
-        parts = (*found[0], found[1])
-        pointers = [x.ctypes.data for x in (*given, *parts)]
-        self.functions.pinflex_tangent(self.tables.address, self.work, int(rates), *pointers)
-        return parts
+        states = {"y": y[None], "v": v[None], "a": a[None], "lam": lam[None]}
+        nv, rows = self._widths["v"], self._widths["lam"]
+        M, C, K = np.empty((3, nv, nv))
+        found = Tangent(M, C, K, np.empty((rows, nv)))
+        self._call("tangent", int(rates), *self._given(**states, scale=self.scale((t,))), *found)
+        return found
+
+    def linear_systems(
+        self, states: Sequence[Array], at: IntArray, out: Array, rates: bool = True
+    ) -> None:
+        """Entries of M, C, K (nv, nv) and J (rows, nv) at several states y, v, a, lam and t."""
+        *states, t = states
+        given = self._given(**dict(zip(self._widths, [*states, self.scale(t)], strict=True)))
+        size = self._widths["v"] * (3 * self._widths["v"] + self._widths["lam"])
+        if len(states[0]) != len(out) or not out.flags.c_contiguous or out.shape[1] < len(at):
+            raise PinflexError("kernel: no room for the linear systems.")
+        if len(at) and not 0 <= np.min(at) <= np.max(at) < size:
+            raise PinflexError(f"kernel: an entry of a tangent of {size}.")
+        numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
+        where = len(at), numbers, room, out.shape[1], out
+        self._call("linear_systems", int(rates), len(out), *given, *where)
 
     def saddle(self, S: Array, b: Array) -> Array:
         """The solution x (n,) of S x = b, of least norm where S (n, n) is singular."""
@@ -388,53 +398,43 @@ class Evaluator:
         self.functions.pinflex_saddle(n, *(array.ctypes.data for array in arrays))
         return x
 
-    def _given(self, arrays: Sequence[Array], which: Sequence[int] = range(5)) -> list[Array]:
-        """States as the C code reads them; `which` of y, v, a, lam and scales they are."""
-        given = [np.ascontiguousarray(array, dtype=np.float64) for array in arrays]
-        for array, k in zip(given, which, strict=False):
-            if array.shape != (len(given[0]), self._widths[k]):
-                raise PinflexError(f"kernel: a state of {array.shape}, not (n, {self._widths[k]}).")
+    def has(self, joints: Sequence[int]) -> bool:
+        """Whether joints are nodes of the kernel's tree; stations at its leaves are none."""
+        wanted = np.asarray(joints, dtype=np.intp)
+        return self._node_of is None or bool(np.all(self._node_of[wanted] >= 0))
+
+    def _given(self, **states: Array) -> list[Array]:
+        """States as the C code reads them."""
+        given = [np.ascontiguousarray(array, dtype=np.float64) for array in states.values()]
+        for name, array in zip(states, given, strict=True):
+            if array.shape != (len(given[0]), self._widths[name]):
+                wanted = f"(n, {self._widths[name]})"
+                raise PinflexError(f"kernel: a state of {array.shape}, not {wanted}.")
         return given
 
-    def _nodes(self, nodes: npt.ArrayLike, first: int) -> IntArray:
-        wanted = np.ascontiguousarray(nodes, dtype=np.int64)
+    def _room(self, n: int, *like: str) -> list[Array]:
+        return [np.empty((n, self._widths[name])) for name in like]
+
+    def _nodes(self, joints: Sequence[int], first: int) -> IntArray:
+        """Nodes of joints that outputs look at; -1: the base."""
+        wanted = np.ascontiguousarray(joints, dtype=np.int64)
+        if self._node_of is not None:
+            nodes = self._node_of[wanted].astype(np.int64)
+            if np.any((nodes < 0) & (wanted > 0)):
+                raise PinflexError(f"kernel: {wanted[nodes < 0]}: no joints that outputs look at.")
+            wanted = nodes
         if np.any(wanted < first) or np.any(wanted >= self.tables.counts["nodes"]):
             raise PinflexError(f"kernel: {wanted}: a node that is none.")
         return wanted
 
-    def _call(
-        self,
-        name: str,
-        given: Sequence[Array],
-        wanted: int | None,
-        rest: Sequence[npt.NDArray[Any]],
-    ) -> None:
-        """The C function of a name on states, with a number of nodes where it takes some."""
-        count = () if wanted is None else (wanted,)
-        pointers = [[x.ctypes.data for x in arrays] for arrays in (given, rest)]
-        function = getattr(self.functions, f"pinflex_{name}")
-        function(self.tables.address, self.work, len(given[0]), *pointers[0], *count, *pointers[1])
-
-    def _new(self, n: int) -> _Buffers:
-        if len(self._buffers) >= _SIZES:
-            self._buffers.clear()
-        found = _Buffers(n, self._widths, self.tables.address, self.work)
-        self._buffers[n] = found
-        return found
+    def _call(self, name: str, *given: int | npt.NDArray[Any]) -> None:
+        """The C function of a name."""
+        pointers = (x if isinstance(x, int) else x.ctypes.data for x in given)
+        getattr(self.functions, f"pinflex_{name}")(self.tables.address, self.work, *pointers)
 
 
-def aligned(size: int) -> Array:
-    """Zeros of `size` bytes that start at a multiple of 64."""
-    raw = np.zeros(size // 8 + _ALIGNED // 8 + 1)
-    first = (-raw.ctypes.data % _ALIGNED) // 8
-    return raw[first : first + size // 8 + 1]
+# Linear systems on closures, marched by compiled code (`Linear` in source/linear_march.c).
 
-
-# Linear systems on closures, evaluated along a motion and marched by compiled code.
-#
-# The fields are those of `Linear` in source/linear_march.c, which says what they hold.
-
-_Linear = structure("Linear")
 _OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
 
 
@@ -472,28 +472,6 @@ def entries_of(
     return np.concatenate([where[matrix] for matrix in matrices])
 
 
-def linear_systems(
-    evaluator: Evaluator, states: Sequence[Array], at: IntArray, out: Array, rates: bool = True
-) -> None:
-    """Entries of M, C, K (nv, nv) and J (closures, nv) at several states."""
-    n = evaluator.tables.counts
-    widths = n["nq"], n["nv"], n["nv"], n["closures"], n["forces"]
-    arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in states]
-    size = n["nv"] * (3 * n["nv"] + n["closures"])
-    if [x.shape for x in arrays] != [(len(out), width) for width in widths]:
-        raise PinflexError(f"kernel: states of {[x.shape for x in arrays]}.")
-    if not out.flags.c_contiguous or out.dtype != np.float64 or out.shape[1] < len(at):
-        raise PinflexError("kernel: no room for the linear systems.")
-    if len(at) and not 0 <= np.min(at) <= np.max(at) < size:
-        raise PinflexError(f"kernel: an entry of a tangent of {size}.")
-    numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
-    evaluator.functions.pinflex_linear_systems(
-        evaluator.tables.address, evaluator.work, int(rates), len(out),
-        *(x.ctypes.data for x in arrays), len(at), numbers.ctypes.data, room.ctypes.data,
-        out.shape[1], out.ctypes.data,
-    )  # fmt: skip
-
-
 class LinearKernel:
     """March of systems that share their constant part; factors are kept once they are known.
 
@@ -515,35 +493,32 @@ class LinearKernel:
             raise PinflexError(f"kernel: {kernel().said}.")
         self._functions, self._systems, self._width = library, systems, constant.width
         self.n, self.rows = constant.S.shape[0], constant.J.shape[0]
-        size, rooms = self.n + self.rows, systems if kept else 1
+        size = self.n + self.rows
         # Column by column, as the C code goes through them.
-        col_at, row = _columns(constant.varies)
-        J_col_at, J_row = _columns(constant.J_varies)
-        self.state = np.zeros((4, self.n))
-        self._arrays: dict[str, Array | IntArray] = {
-            "col_at": col_at, "row": row, "J_col_at": J_col_at, "J_row": J_row,
-            **{name: np.ascontiguousarray(getattr(constant, name).T) for name in "SJ"},
-            **_sparse("C", constant.C), **_sparse("K", constant.K),
-            "lu": np.empty(0 if kept else size * size),
-            "pivot": np.zeros((rooms, size), np.int64),
-            "holds": np.zeros(rooms, np.int64), "state": self.state,
-            "work": np.zeros(size),
-        }  # fmt: skip
-        self._structure = _Linear(
-            n=self.n, rows=self.rows, kept=int(kept), h=h,
+        given = {name: getattr(constant, name).T for name in "SJ"}
+        given["col_at"], given["row"] = _columns(constant.varies)
+        given["J_col_at"], given["J_row"] = _columns(constant.J_varies)
+        for name in "CK":
+            x = getattr(constant, name)
+            given[f"{name}_at"], given[f"{name}_row"] = _columns(x != 0.0)
+            given[name] = x.T[x.T != 0.0]
+        self._kept, self._lu = kept, np.empty(0 if kept else size * size)
+        sizes = {"n": self.n, "rows": self.rows, "size": size, "rooms": systems if kept else 1}
+        self._record = Record(
+            "Linear", sizes, given, kept=int(kept), h=h, lu=self._lu.ctypes.data,
             **dict(zip(_OF_METHOD, coefficients, strict=True)),
-            **{name: array.ctypes.data for name, array in self._arrays.items()},
         )  # fmt: skip
+        self.state = self._record.arrays["state"]
 
     def forget(self) -> None:
         """Factors are those of other systems from here on."""
-        self._arrays["holds"][:] = 0
+        self._record.arrays["holds"][:] = 0
 
     def use(self, room: Array) -> None:
         """Keep factors in `room`, (systems * (n + rows)^2,); none are there yet."""
         if room.size != self._systems * (self.n + self.rows) ** 2 or not room.flags.c_contiguous:
             raise PinflexError(f"kernel: {room.size} numbers for the factors.")
-        self._arrays["lu"], self._structure.lu = room, room.ctypes.data
+        self._lu, self._record.at.lu = room, room.ctypes.data
         self.forget()
 
     def march(
@@ -559,24 +534,18 @@ class LinearKernel:
         arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]
         if count and (np.min(at) < 0 or np.max(at) >= min(len(value), self._systems)):
             raise PinflexError("kernel: a step of a system that is not given.")
-        if self._structure.kept and not self._arrays["lu"].size:
+        if self._kept and not self._lu.size:
             raise PinflexError("kernel: no room for the factors.")
         shapes = (arrays[0].shape[1:], arrays[1].shape, *(x.shape for x in response))
         if shapes != ((self._width,), *((count, n),) * 4, (count, rows)):
             raise PinflexError(f"kernel: a march of {shapes}.")
         if not all(x.flags.c_contiguous and x.dtype == np.float64 for x in response):
             raise PinflexError("kernel: arrays that are not in one piece.")
-        here = self._structure
+        here = self._record.at
         here.count, here.system = count, at.ctypes.data
         here.value, here.load = (x.ctypes.data for x in arrays)
         here.d, here.v, here.a, here.lam = (x.ctypes.data for x in response)
-        return int(self._functions.pinflex_linear_march(ctypes.addressof(here)))
-
-
-def _sparse(name: str, x: Array) -> dict[str, Array | IntArray]:
-    """Entries of a matrix that are not zero, column by column."""
-    at, row = _columns(x != 0.0)
-    return {f"{name}_at": at, f"{name}_row": row, name: np.ascontiguousarray(x.T[x.T != 0.0])}
+        return int(self._functions.pinflex_linear_march(self._record.address))
 
 
 def _columns(varies: BoolArray) -> tuple[IntArray, IntArray]:

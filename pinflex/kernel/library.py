@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import re
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pinflex.errors import KernelWarning
+import numpy as np
+import numpy.typing as npt
+
+from pinflex.errors import KernelWarning, PinflexError
 from pinflex.kernel import build
 from pinflex.kernel.build import SOURCE
 
@@ -22,10 +27,11 @@ from pinflex.kernel.build import SOURCE
 
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
-_ARRAYS = re.compile(r"const (\w+) ([^;]*);\s*/\* \[([^\]]*)\]")  # with their shape behind them
+_ARRAYS = re.compile(r"\b(Int|double) (\*[^;]*);\s*/\* \[([^\]]*)\]")  # their shape is behind
 _ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
 _FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
 _SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
+_TYPES: dict[str, npt.DTypeLike] = {"Int": np.int64, "double": np.float64}
 
 
 @cache
@@ -61,15 +67,68 @@ def names(of: str, kind: type) -> tuple[str, ...]:
     return tuple(name for name, type_ in fields if type_ is kind)
 
 
-def shapes(of: str, kind: str) -> dict[str, tuple[str | int, ...]]:
-    """Shapes of the arrays of a structure of one kind, from the brackets behind them."""
+@cache
+def shapes(of: str) -> dict[str, tuple[npt.DTypeLike, tuple[str, ...]]]:
+    """Types and shapes of the arrays of a structure, from the brackets behind them."""
     body = _commented().partition(f"}} {of};")[0].rpartition("typedef struct {")[2]
     return {
-        name.strip().lstrip("*"): tuple(int(n) if n.isdecimal() else n for n in shape.split(", "))
-        for each, names, shape in _ARRAYS.findall(body)
-        if each == kind
+        name.strip().lstrip("*"): (_TYPES[kind], tuple(shape.split(", ")))
+        for kind, names, shape in _ARRAYS.findall(body)
         for name in names.split(",")
     }
+
+
+_EVERY = 8  # numbers: each array starts at a multiple of 64 bytes
+
+
+class Record:
+    """A structure of the kernel with its arrays, given or zero, as the sources declare them.
+
+    Attributes:
+        at: The C structure. address: Where it is. arrays: By name. addresses: Where they are.
+        raw: All of them in one. sizes: By name.
+    """
+
+    def __init__(
+        self, kind: str, sizes: Mapping[str, int], given: Mapping[str, Any], **values: Any
+    ) -> None:
+        """`sizes`: of what shapes name. `values`: fields that are numbers or structures.
+
+        Raises:
+            PinflexError: An array that is given has other sizes.
+        """
+        self.sizes, places, end = sizes, dict[str, tuple[int, Any, Any, list[int]]](), 0
+        for name, (dtype, shape) in shapes(kind).items():
+            wanted, array = [_size(part, sizes, places) for part in shape], None
+            if name in given:
+                array = np.asarray(given[name], dtype=dtype)
+                if array.size != math.prod(wanted):
+                    raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
+            places[name] = end, dtype, array, wanted
+            end += -(-math.prod(wanted) // _EVERY) * _EVERY
+        whole = np.zeros(end + _EVERY)
+        self.raw = whole = whole[-whole.ctypes.data // 8 % _EVERY :][:end]
+        first = whole.ctypes.data
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
+        for name, (at, dtype, array, wanted) in places.items():
+            here = whole[at : at + math.prod(wanted)].view(dtype).reshape(wanted)
+            if array is not None:
+                here[...] = array.reshape(wanted)
+            self.arrays[name] = here
+        self.addresses = {name: first + 8 * at for name, (at, *_) in places.items()}
+        numbers = {name: sizes[name] for name in names(kind, ctypes.c_int64) if name in sizes}
+        self.at = structure(kind)(**numbers | self.addresses | values)
+        self.address = ctypes.addressof(self.at)
+
+
+def _size(part: str, sizes: Mapping[str, int], places: Mapping[str, Any]) -> int:
+    """A number of a shape."""
+    if part.isdecimal():
+        return int(part)
+    if part.startswith("*"):
+        starts = places[part[1:]][2]
+        return 0 if starts is None else int(starts[-1])
+    return sizes[part[:-2]] + 1 if part.endswith("+1") else sizes[part]
 
 
 @cache

@@ -39,7 +39,7 @@ from pinflex.integrators.collocation import (
 )
 from pinflex.integrators.equal_steps import STAGES, crossing
 from pinflex.integrators.problem import Run, Settings
-from pinflex.kernel.evaluate import ConstantPart, LinearKernel, entries_of, linear_systems
+from pinflex.kernel.evaluate import ConstantPart, LinearKernel, entries_of
 from pinflex.kernel.library import kernel
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
@@ -528,8 +528,8 @@ def _resists(line: LinearPath, run: Run, at: IntArray) -> bool:
     free, closures, count = system.free, system.closed.n, len(at)
     entries = entries_of("KJ", system.nv, closures, free, free)
     result = np.empty((count, len(entries)))
-    states = run.y[at], line.v[at], line.a[at], run.lam[at], compiled.scale(run.t[at])
-    linear_systems(compiled.evaluator, states, entries, result, rates=False)
+    states = run.y[at], line.v[at], line.a[at], run.lam[at], run.t[at]
+    compiled.linear_systems(states, entries, result, rates=False)
     K, J = np.split(result, [len(free) ** 2], axis=1)
     n = len(free)
     return resists(K.reshape(count, n, n), J.reshape(count, closures, n))

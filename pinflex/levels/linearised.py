@@ -25,7 +25,7 @@ from pinflex.integrators.chebyshev import (
     Varying,
 )
 from pinflex.integrators.collocation import Instant
-from pinflex.kernel.evaluate import entries_of, linear_systems
+from pinflex.kernel.evaluate import entries_of
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
@@ -153,8 +153,8 @@ class LinearPath:
         rows, size = self._rows, (self.dynamics.system.nv, self._base.shape[1])
         at = entries_of("MCKJ", *size, rows, self._columns)
         result = np.empty((len(self.path.t), len(at) + len(rows) + size[1]))
-        states = self._y, self.v, self.a, self._base, compiled.scale(self.path.t)
-        linear_systems(compiled.evaluator, states, at, result)
+        states = self._y, self.v, self.a, self._base, self.path.t
+        compiled.linear_systems(states, at, result)
         result[:, len(at) :] = np.hstack([self._load[:, rows], self._base])
         return result
 

@@ -112,7 +112,7 @@ def beyond(dynamics: Equations, y: Array) -> tuple[str, ...]:
     compiled = dynamics.compiled or Equations(dynamics.system, marched=True).compiled
     if not kinks.rigid or compiled is None:
         return ()
-    x = compiled.evaluator.elongations(y[None])[0]
+    x = compiled.elongations(y[None])[0]
     rigid = ((k, row) for k, row in enumerate(kinks.rows) if row.restitution >= 0.0)
     return tuple(row.name for k, row in rigid if kinks.piece(k, x[k]) != row.free)
 
@@ -132,7 +132,7 @@ def slack(dynamics: Equations, y: Array) -> tuple[str, ...]:
     kinks = dynamics.system.kinks
     if not kinks.rows or dynamics.compiled is None:
         return ()
-    x = dynamics.compiled.evaluator.elongations(y[None])[0]
+    x = dynamics.compiled.elongations(y[None])[0]
     found = []
     for k, row in enumerate(kinks.rows):
         at = int(kinks.piece(k, x[k]))

@@ -73,7 +73,7 @@ class Engine:
 
     def shares(self, t: float) -> None:
         """Let loads that vary in time act in the next step as at t (s)."""
-        self.scale[1] = self.stages.compiled.compiled.scale((t,))[0]
+        self.scale[1] = self.stages.kernel.evaluator.scale((t,))[0]
 
     def begin(self, t: float, now: Step, anew: bool) -> None:
         """Go on from a state at t (s); `anew`: with speeds that let multipliers start quietly."""

@@ -41,10 +41,10 @@ _SETTINGS = (
 
 def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
     """The file model.c of a simulator where it stands."""
-    stages = engine.stages.compiled.kernel
-    tables = engine.stages.compiled.compiled.evaluator.tables
+    stages = engine.stages.kernel
+    tables = stages.evaluator.tables
     arrays = {f"t_{name}": x for name, x in tables.arrays.items()}
-    lists = {name: stages.lists[name] for name in _LISTS}
+    lists = {name: stages.arrays[name] for name in _LISTS}
     arrays |= {f"s_{name}": x for name, x in lists.items()}
     arrays |= {f"m_{name}": x for name, x in _start(engine, outputs).items()}
     stops = engine.bounds.stops
@@ -56,7 +56,7 @@ def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
         *(_array(name, x) for name, x in arrays.items()),
         _structure("Tables", "tables", tables.counts, {k: f"t_{k}" for k in tables.arrays}),
         _structure(
-            "Stages", "joints", {k: stages.field(k) for k in _COUNTS},
+            "Stages", "joints", {k: getattr(stages.at, k) for k in _COUNTS},
             {k: f"s_{k}" for k in lists},
         ),
         _structure("Alpha", "settings", _settings(engine), {}),

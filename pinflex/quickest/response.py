@@ -26,9 +26,9 @@ from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
 from pinflex.integrators.problem import Run
+from pinflex.kernel.evaluate import Tangent
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
-from pinflex.mechanics.evaluation.compiled import Tangent
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_poses
 from pinflex.mechanics.manifold import Manifold

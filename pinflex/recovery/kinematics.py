@@ -16,8 +16,8 @@ from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
 from pinflex.errors import DescriptionError
 from pinflex.integrators.problem import Run, Settings
+from pinflex.kernel.evaluate import JointForces
 from pinflex.mechanics.closure import Contact
-from pinflex.mechanics.evaluation.compiled import JointForces
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices

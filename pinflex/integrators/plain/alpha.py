@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.problem import Problem, consistent_acceleration
-from pinflex.linalg import lapack
+from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.text import brief
 
@@ -92,7 +92,7 @@ class PlainAlpha:
         self.signals = None if self.feedback is None else self.feedback.signals(len(path.t))
         self.weights, self.predictor = scheme.weights(h), _predictor(scheme, h)
         self.tolerance, self.iterations, self.tangents = tolerance, 0, 0
-        self._lu: tuple[Any, ...] | None = None  # factors of Newton's matrix
+        self._S: Array | None = None  # Newton's matrix
         self._weight, self._noise = np.zeros(0), 0.0  # of free accelerations
         # Far from the motion the equations have other roots; ten lengths off is one of them.
         self.farthest = 10.0 * max([1.0, *(s.body.length for s in dynamics.system.expansion.slots)])
@@ -118,8 +118,8 @@ class PlainAlpha:
             near = np.max(np.abs(y[self.dynamics.nq_rigid :]), initial=0.0) < self.farthest
             if close and near:
                 return Step(y, v, a, s, lam, torque)
-            if self._lu is None or rate > _SLOW:
-                self._factor(*self.matrix(k, y, v, a, lam))
+            if self._S is None or rate > _SLOW:
+                self._S = self._squared(*self.matrix(k, y, v, a, lam))
             ds[free], dlam = self.correct(r, c)
             s, v, a, move = s + ds, v + by_v * ds, a + mass * ds, move + by_y * ds
             lam, before, size = lam + dlam, size, self._size(ds)
@@ -163,16 +163,15 @@ class PlainAlpha:
         self.tangents += 1
         return full, J
 
-    def _factor(self, full: Array, J: Array) -> None:
-        free, n, size = self.problem.free, len(self.problem.free), len(self.problem.free) + len(J)
-        S = np.zeros((size, size))
-        S[:n, :n], S[:n, n:], S[n:, :n] = full[np.ix_(free, free)], J[:, free].T, J[:, free]
-        self._weight = np.abs(np.diag(S)[:n])
+    def _squared(self, full: Array, J: Array) -> Array:
+        """The matrix of free rows and closures, whose diagonal weighs accelerations from now on."""
+        free = self.problem.free
+        S = saddle_matrix(full[np.ix_(free, free)], J[:, free])
+        self._weight = np.abs(np.diag(S)[: len(free)])
         self._noise = 1e-15 / self.weights[2] * float(np.sqrt(self._weight.sum()))
-        *lu, info = lapack().dgetrf(S) if size else (0,)
-        if info or not all(np.isfinite(x).all() for x in lu):
-            raise np.linalg.LinAlgError("singular iteration matrix")
-        self._lu = tuple(lu)
+        if not np.isfinite(S).all():
+            raise np.linalg.LinAlgError("an iteration matrix that is no number")
+        return S
 
     def _size(self, a: Array) -> float:
         """Norm of an acceleration (nv,) in the weights of the matrix."""
@@ -182,9 +181,9 @@ class PlainAlpha:
     def correct(self, r: Array, c: Array) -> tuple[Array, Array]:
         """ds (n,) and dlam (rows,) from free residuals and closures."""
         n = len(self.problem.free)
-        b = -np.concatenate([r[self.problem.free], c / self.weights[2]])
-        x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
-        return x[:n], -x[n:]
+        assert self._S is not None
+        x = np.linalg.solve(self._S, -np.concatenate([r[self.problem.free], c / self.weights[2]]))
+        return x[:n], x[n:]
 
     def residual(
         self, k: int, y: Array, v: Array, a: Array, lam: Array

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, Run, Settings, State, StepFailed, seen_inside
-from pinflex.linalg import lapack
 from pinflex.mechanics.manifold import Manifold
 
 _ITERATIONS, _HALVINGS = 20, 10  # of a step, at the most
@@ -67,8 +65,7 @@ class PlainRadau:
         self.problem, self.method = problem, method
         self._d = problem.dynamics
         self._manifold = Manifold(self._d)
-        self._h = 0.0  # step of Newton's matrix
-        self._lu: tuple[Any, ...] | None = None  # its factors
+        self._S, self._h = np.zeros((0, 0)), 0.0  # Newton's matrix, and its step; 0: none
         self.iterations = self.tangents = 0
         self._largest = 0.0  # displacement so far
 
@@ -79,7 +76,7 @@ class PlainRadau:
             try:
                 step = self.step(start, h, before)
             except (StepFailed, np.linalg.LinAlgError):
-                self._lu = None  # the tangent may have aged
+                self._h = 0.0  # the tangent may have aged
             else:
                 yield step
                 return
@@ -108,8 +105,8 @@ class PlainRadau:
         turn, size, rate = np.zeros_like(a), np.inf, 0.0
         for _ in range(_ITERATIONS):
             y, v, move, turn = self.place(start, h, path, a, turn)
-            if self._lu is None or abs(h - self._h) > _SAME * h or rate > _SLOW:
-                self._factor(h, y, v, a, lam, seen)
+            if abs(h - self._h) > _SAME * h or rate > _SLOW:
+                self._S, self._h = self.matrix(h, y, v, a, lam, seen), h
             da, dlam = self.correct(*self.residual(y, v, a, lam, path, seen))
             a, lam, change = a + da, lam + dlam, h * h * self.method.A2 @ da
             self.iterations += 1
@@ -213,7 +210,7 @@ class PlainRadau:
             r[:, self.problem.motors] -= self.problem.pull(path, y, v, inside=True)
         return r, c
 
-    def _factor(self, h: float, y: Array, v: Array, a: Array, lam: Array, seen: Array) -> None:
+    def matrix(self, h: float, y: Array, v: Array, a: Array, lam: Array, seen: Array) -> Array:
         """Newton's matrix from the tangent at the stage in the middle."""
         m, p, k = self.method, self.problem, self.method.s // 2
         M, C, K, J = self._d.tangent(y[k], v[k], a[k], lam[k], float(seen[k]))
@@ -228,16 +225,13 @@ class PlainRadau:
         S[n:, :n] = np.kron(h * h * m.A2, J)
         if not np.isfinite(S).all():
             raise StepFailed
-        *lu, info = lapack().dgetrf(S) if len(S) else (0,)
-        if info:
-            raise np.linalg.LinAlgError("singular iteration matrix")
-        self._lu, self._h, self.tangents = tuple(lu), h, self.tangents + 1
+        self.tangents += 1
+        return S
 
     def correct(self, r: Array, c: Array) -> tuple[Array, Array]:
         """da (s, nv) and dlam (s, rows)."""
         free, da = self.problem.free, np.zeros_like(r)
-        b = -np.concatenate([r[:, free].ravel(), c.ravel()])
-        x = lapack().dgetrs(*self._lu, b)[0] if self._lu else b
+        x = np.linalg.solve(self._S, -np.concatenate([r[:, free].ravel(), c.ravel()]))
         da[:, free] = x[: self.method.s * len(free)].reshape(-1, len(free))
         return da, x[self.method.s * len(free) :].reshape(c.shape)
 

@@ -4,8 +4,11 @@
 
 #include "law.h"
 
-/* A state: y (nq,), v, a and s (nv,), lam (closures,). */
-typedef struct { double *y, *v, *a, *s, *lam; } State;
+typedef struct {
+  double *y;                           /* [nq] */
+  double *v, *a, *s;                   /* [nv] */
+  double *lam;                         /* [closures] */
+} State;
 
 typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
@@ -16,12 +19,18 @@ typedef struct {
   Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */
-  const double *predict;               /* (3, 4): a, and a, s, v before, to s, v and the move */
+  const double *predict;               /* [3, 4] a, and a, s, v before, to s, v and the move */
   State now, last, next;               /* of last: a and lam */
-  double *move, *r, *open, *x;         /* (nv,), (nv,), (rows,), (n + rows,) */
-  double *tangent, *lu, *weight, *motor_rows, *motor_J; /* M, C, K, J; (n,), (motors, n), (rows, motors) */
-  double *narrow, *room;               /* factors where entries lie near the diagonal; (n + rows,) */
-  Int *pivot, *order;                  /* order: (3 (n + rows),) */
+  double *move, *r;                    /* [nv] */
+  double *open;                        /* [closures] */
+  double *x, *room;                    /* [size] */
+  double *tangent;                     /* [wide] M, C, K, J */
+  double *lu, *narrow;                 /* [size, size] narrow: where entries lie near the diagonal */
+  double *weight;                      /* [free] */
+  double *motor_rows;                  /* [motors, free] */
+  double *motor_J;                     /* [closures, motors] */
+  Int *pivot;                          /* [size+1] */
+  Int *order;                          /* [order] */
   Int band;                            /* of the unknowns in that order */
   const double *low, *high;            /* stops of the motors, (motors,), or NULL */
   double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */

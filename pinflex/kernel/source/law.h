@@ -4,14 +4,20 @@
 
 #include "stages.h"
 
-/* Rows and columns in turn: S (measures, nv), B (nv, drives); x_of_x, x_of_e, C, D and E by rows. */
 typedef struct {
   Int measures, drives, states;
-  const double *S, *B, *home, *target;
-  const double *x_of_x, *x_of_e, *C, *D, *E;
-  double *x_before, *e_before;  /* where the last step ended */
-  double *x, *e, *rate, *u;     /* at the state that was looked at last */
-  double *way;                  /* from home, (nv,) */
+  const double *S;              /* [measures, nv] */
+  const double *B;              /* [nv, drives] */
+  const double *home;           /* [nq] */
+  const double *target;         /* [measures] what errors are counted from */
+  const double *x_of_x;         /* [states, states] */
+  const double *x_of_e;         /* [states, measures] */
+  const double *C;              /* [drives, states] */
+  const double *D, *E;          /* [drives, measures] */
+  double *x_before, *x;         /* [states] where the last step ended; at the state looked at last */
+  double *e_before, *e, *rate;  /* [measures] */
+  double *u;                    /* [drives] */
+  double *way;                  /* [nv] from home */
 } Law;
 
 /* law.c: u at a state, r -= B u (where there is r); what it adds to C and K; power of what it drives;

@@ -13,17 +13,24 @@
 
 typedef struct {
   Int n, rows, count, kept;          /* kept: whether there is room for the factors of all systems */
-  const Int *col_at, *row;           /* varying entries of S, C and K: columns, and their rows */
-  const Int *J_col_at, *J_row;       /* those of J */
-  const double *S, *J;               /* constant entries, column by column */
-  const Int *C_at, *C_row, *K_at, *K_row; /* of C and K the entries that are not zero */
-  const double *C, *K;
+  const Int *col_at, *J_col_at;      /* [n+1] columns of the varying entries of S, C and K, and of J ... */
+  const Int *row;                    /* [*col_at] ... and their rows */
+  const Int *J_row;                  /* [*J_col_at] */
+  const double *S;                   /* [n, n] constant entries, column by column */
+  const double *J;                   /* [n, rows] */
+  const Int *C_at, *K_at;            /* [n+1] of C and K the entries that are not zero */
+  const Int *C_row;                  /* [*C_at] */
+  const Int *K_row;                  /* [*K_at] */
+  const double *C;                   /* [*C_at] */
+  const double *K;                   /* [*K_at] */
   const Int *system;                 /* (count,): system of each step */
   const double *value;               /* (systems, .): S, C, K, J of the varying entries */
   const double *load;                /* (count, n): r */
-  double *lu;
-  Int *pivot, *holds;                /* holds: 1 + the system whose factors are there */
-  double *state, *work;              /* d, v, a and s; room for 2 n + rows numbers */
+  double *lu;                        /* room for factors: of one system, or of all */
+  Int *pivot;                        /* [rooms, size] */
+  Int *holds;                        /* [rooms] 1 + the system whose factors are there */
+  double *state;                     /* [4, n] d, v, a and s */
+  double *work;                      /* [size] */
   double *d, *v, *a, *lam;           /* (count, .) */
   double h, mass_factor, beta, gamma, alpha_m, alpha_f;
 } Linear;

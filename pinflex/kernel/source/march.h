@@ -9,22 +9,27 @@
    corners, where they may jump. */
 typedef struct {
   Int columns, pieces, nodes, corners;
-  const double *node, *weight;         /* of every piece, on (-1, 1) */
-  const double *end, *middle, *half;   /* of the pieces, s */
-  const double *value;                 /* (pieces, nodes, columns) */
-  const double *corner, *corner_value; /* s, (corners, columns) */
+  const double *node, *weight;         /* [nodes] of every piece, on (-1, 1) */
+  const double *end, *middle, *half;   /* [pieces] s */
+  const double *value;                 /* [pieces, nodes, columns] */
+  const double *corner;                /* [corners] s */
+  const double *corner_value;          /* [corners, columns] */
   double gap;                          /* how near a corner a time is at it, s */
 } Inputs;
 
-/* Steps, one after the other: where each starts, its stages, and what the run was to do there.
-   Arrays are (steps, .) and (steps, s, .). */
+/* Steps, one after the other: where each starts, its stages, and what the run was to do there. */
 typedef struct {
-  double *t, *y0, *v0, *a0, *lam0, *torque0;       /* start */
-  double *h, *coarseness, *rate;
-  double *move, *turn, *a, *lam, *torque, *power;  /* stages */
-  double *position, *velocity;                     /* of the motors at the stages */
-  double *next, *ceiling, *before, *refused, *scale; /* the point it goes on from, see March */
-  Int *number, *stop, *follows, *tangent, *serial;
+  double *t, *h, *coarseness, *rate;   /* [steps] start, s; length, s */
+  double *y0;                          /* [steps, nq] */
+  double *v0, *a0;                     /* [steps, nv] */
+  double *lam0;                        /* [steps, closures] */
+  double *torque0;                     /* [steps, motors] */
+  double *move, *turn, *a;             /* [steps, s, nv] stages */
+  double *lam;                         /* [steps, s, closures] */
+  double *torque, *position, *velocity; /* [steps, s, motors] of the motors */
+  double *power;                       /* [steps, s, 2] */
+  double *next, *ceiling, *before, *refused, *scale; /* [steps] the point it goes on from, see March */
+  Int *number, *stop, *follows, *tangent, *serial; /* [steps] */
 } Steps;
 
 /* Where a run is, its settings, and its counts. Step 0 is the last one before the batch. */
@@ -40,21 +45,27 @@ typedef struct {
   Stages *stages;
   const Inputs *inputs;
   Steps steps;
-  const double *stop_at;             /* s */
-  const Int *kind;                   /* of each stop, see march.c */
-  const double *basis, *basis_0;     /* values at the nodes (and at 0) to coefficients of powers */
-  const double *last;                /* stages to the last Legendre coefficient */
-  double *tangent_at;                /* M, C, K (nv, nv), J (rows, nv) and what a chain has, one after the other */
-  const Int *measured_at;
-  double *weight;                    /* of the norm, (measured, measured) */
-  double *input;                     /* (s, columns) */
-  Int *piece;                        /* that each law of pieces is in, (kinks,) */
-  double *hit;                       /* speed at which it came there, (kinks,) */
-  double *placed, *x;                /* the start and the stages: y, (s + 1, nq), and laws, (s + 1, kinks) */
-  double *start_lu, *start_x;        /* matrix and room */
-  Int *start_pivot;
-  double t, *y, *v, *a, *lam, *torque; /* the state the next step starts from */
-  double h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
+  const double *stop_at;             /* [stops] s */
+  const Int *kind;                   /* [stops] of each, see march.c */
+  const double *basis;               /* [s, s] values at the nodes to coefficients of powers */
+  const double *basis_0;             /* [s+1, s+1] those at 0 and the nodes */
+  const double *last;                /* [s] stages to the last Legendre coefficient */
+  double *tangent_at;                /* [kept, wide] M, C, K (nv, nv), J (rows, nv) and what a chain has */
+  const Int *measured_at;            /* [measured] */
+  double *weight;                    /* [measured, measured] of the norm */
+  double *input;                     /* [s, columns] */
+  Int *piece;                        /* [kinks] that each law of pieces is in */
+  double *hit;                       /* [kinks] speed at which it came there */
+  double *placed;                    /* [s+1, nq] poses of the start and the stages */
+  double *x;                         /* [s+1, kinks] and where laws of pieces are there */
+  double *start_lu;                  /* [starts, size] matrix and room */
+  double *start_x;                   /* [starts_x] */
+  Int *start_pivot;                  /* [starts] */
+  double *y;                         /* [nq] the state the next step starts from */
+  double *v, *a;                     /* [nv] */
+  double *lam;                       /* [closures] */
+  double *torque;                    /* [motors] */
+  double t, h, ceiling, before, refused, scale; /* next length and its limit, s; see march.c */
   double factored_h, size, solved;   /* s: of the factors, of the step to come, of the stages at hand */
   double resolution, least, round_off, seen, open, slack, slow, same_step;
   double planned, speed;             /* length of a step before it was cut, s; rate of what it meets */

@@ -3,97 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import tips_over
 from pinflex.description.blocks.flexible import FlexibleLink
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.errors import DescriptionError
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
-    from pinflex.mechanics.reference.evaluator import Configuration
-
-
-# What the equations answer with, by name: values that nothing overwrites.
-
-
-# Named tuples: a frozen dataclass costs eight times as much to make, in every iteration of a step.
-class Residual(NamedTuple):
-    """Forces left to the motors r, shape (n, nv), and closure residuals c, shape (n, rows)."""
-
-    r: Array
-    c: Array
-
-
-class Closure(NamedTuple):
-    """Closure residuals c, shape (n, rows), and their Jacobian J = dc/dy, shape (n, rows, nv)."""
-
-    c: Array
-    J: Array
-
-
-class Tangent(NamedTuple):
-    """Derivatives of r by a, v, y, shape (nv, nv) each, and of c by y, shape (rows, nv)."""
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-
-
-class IterationMatrix(NamedTuple):
-    """A weighted sum S of M, C and K, shape (nv, nv), and J, shape (rows, nv)."""
-
-    S: Array
-    J: Array
-
-
-class Energies(NamedTuple):
-    """Energies in J, shape (n,): that of dead loads is in `spring`."""
-
-    kinetic: Array
-    gravity: Array
-    elastic: Array
-    spring: Array
-
-
-class JointForces(NamedTuple):
-    """Forces at n states.
-
-    Attributes:
-        r, c: As in `Residual`. g: Expanded forces rnea - J_Q' lam, shape (n, nV).
-        f: Forces of joints in their own frames, shape (n, joints, 6).
-        wrenches: Of loops on their B, about the origin of frame b, shape (n, loops, 6).
-        sleeves: (x, F, M, segment) of sleeves at three places, shape (n, contacts, 3, 8).
-    """
-
-    r: Array
-    c: Array
-    g: Array
-    f: Array
-    wrenches: Array
-    sleeves: Array
-
-
-class Kinematics(NamedTuple):
-    """Joints at n states.
-
-    Attributes:
-        here: Expanded configurations and map.
-        poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.manifold`.
-        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
-            without rates.
-    """
-
-    here: Configuration
-    poses: Array
-    J: Array
-    dJ: Array
 
 
 def serves(system: System, marched: bool = False) -> bool:
@@ -122,66 +41,12 @@ def _stiff(system: System) -> bool:
     return system.n_eta == 0 and not len(system.springs.v_at)
 
 
-class Compiled:
-    """The equations of one system by compiled functions (make one per run, and per thread).
-
-    Attributes:
-        evaluator: The compiled functions.
-    """
+class Compiled(Evaluator):
+    """The equations of one system by compiled functions (make one per run, and per thread)."""
 
     def __init__(self, system: System) -> None:
-        self.evaluator, self._node_of = Evaluator(system.tables), system.node_of_joints
-        self._forces = [force for force, _ in system.loads.forces]
-
-    def residual(
-        self, Y: Array, V: Array, A: Array, lam: Array, t: Array | Sequence[float | Array]
-    ) -> tuple[Array, Array]:
-        """Residuals (n, nv) and closures (n, rows) of several states."""
-        return self.evaluator.residuals(Y, V, A, lam, self.scale(t))
-
-    def tangent(
-        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
-    ) -> tuple[Array, Array, Array, Array]:
-        """M, C, K (nv, nv) and J (rows, nv) at a state."""
-        return self.evaluator.tangent(y, v, a, lam, self.scale((t,))[0], rates)
-
-    def poses(self, Y: Array, joints: Sequence[int]) -> Array:
-        """Poses of joints in the world, shape (k, n, 3, 4)."""
-        return self.evaluator.poses(Y, self._nodes(joints))
-
-    def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
-        """Poses (k, n, 3, 4) of joints in the world, and their motions (k, n, 2, 6)."""
-        return self.evaluator.motions(Y, V, A, self._nodes(joints))
-
-    def energies(self, Y: Array, V: Array, t: Array) -> Energies:
-        """Energies of several states, J."""
-        return Energies(*self.evaluator.energies(Y, V, self.scale(t)))
-
-    def joint_forces(
-        self, Y: Array, V: Array, A: Array, lam: Array, t: Array, joints: Sequence[int]
-    ) -> JointForces:
-        """Forces of joints, loops and sleeves at several states."""
-        given = Y, V, A, lam, self.scale(t), self._nodes(joints)
-        return JointForces(*self.evaluator.forces(*given))
-
-    def has(self, joints: Sequence[int]) -> bool:
-        """Whether joints are nodes of the kernel's tree; stations at its leaves are none."""
-        return bool(np.all(self._node_of[np.asarray(joints, dtype=np.intp)] >= 0))
-
-    def _nodes(self, joints: Sequence[int]) -> IntArray:
-        """Nodes of joints that outputs look at; -1: the base."""
-        wanted = np.asarray(joints, dtype=np.intp)
-        nodes = self._node_of[wanted]
-        if np.any((nodes < 0) & (wanted > 0)):
-            raise PinflexError(f"kernel: {wanted[nodes < 0]}: no joints that outputs look at.")
-        return nodes
-
-    def scale(self, t: Array | Sequence[float | Array]) -> Array:
-        """Shares of the loads that act at times t (n,), shape (n, forces)."""
-        scale = np.empty((len(t), len(self._forces)))
-        for k, force in enumerate(self._forces):
-            scale[:, k] = [force.scale(float(time)) for time in t]
-        return scale
+        loads = [force for force, _ in system.loads.forces]
+        super().__init__(system.tables, loads, system.node_of_joints)
 
 
 # What a scene would cost, counted before it is spent: coordinates, memory, steps.

@@ -23,20 +23,10 @@ import pinocchio as pin
 
 from pinflex.arrays import Array, BoolArray, spans
 from pinflex.errors import MotionError
-from pinflex.kernel.evaluate import Evaluator
-from pinflex.mechanics.evaluation.compiled import (
-    Closure,
-    Compiled,
-    Energies,
-    IterationMatrix,
-    JointForces,
-    Kinematics,
-    Residual,
-    Tangent,
-    serves,
-)
+from pinflex.kernel.evaluate import Closure, Energies, JointForces, Residual, Tangent
+from pinflex.mechanics.evaluation.compiled import Compiled, serves
 from pinflex.mechanics.model.strain import Strain
-from pinflex.mechanics.reference.evaluator import Configuration, Reference
+from pinflex.mechanics.reference.evaluator import Configuration, Kinematics, Reference
 from pinflex.text import brief
 
 if TYPE_CHECKING:
@@ -209,10 +199,9 @@ class Equations:
         """Whether the compiled equations serve."""
         return serves(self.system, self._marched)
 
-    def _closures(self, y: Array) -> Evaluator | None:
+    def _closures(self, y: Array) -> Compiled | None:
         """The compiled closures; of one pose of a rigid system the tables would cost more."""
-        served = self._kernel if y.ndim > 1 or self.on_kernel else None
-        return None if served is None else served.evaluator
+        return self._kernel if y.ndim > 1 or self.on_kernel else None
 
     # Poses -----------------------------------------------------------------------------------
 
@@ -282,7 +271,7 @@ class Equations:
         if not self.system.closed.contacts:
             return np.empty((len(Y), 0))
         if self.compiled is not None:
-            return self.compiled.evaluator.sleeves(Y)
+            return self.compiled.sleeves(Y)
         return self.reference.sleeve_places(Y)
 
     def first_off(self, Y: Array) -> int | None:
@@ -359,10 +348,12 @@ class Equations:
             return self.compiled.tangent(y, still, still, lam, t, False)[0]
         return self.reference.mass(y, t)
 
-    def tangent(self, y: Array, v: Array, a: Array, lam: Array, t: float) -> Tangent:
-        """Derivatives by y, v and a, and the closure Jacobian."""
+    def tangent(
+        self, y: Array, v: Array, a: Array, lam: Array, t: float, rates: bool = True
+    ) -> Tangent:
+        """Derivatives by y, v and a, and the closure Jacobian; `rates`: see `iteration_matrix`."""
         if self._kernel is not None:
-            return Tangent(*self._kernel.tangent(y, v, a, lam, t))
+            return self._kernel.tangent(y, v, a, lam, t, rates)
         return self.reference.tangent(y, v, a, lam, t)
 
     def iteration_matrix(
@@ -374,19 +365,16 @@ class Equations:
         t: float,
         weights: Sequence[float],
         rates: bool = False,
-    ) -> IterationMatrix:
-        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton.
+    ) -> tuple[Array, Array]:
+        """weights[0] dr/da + weights[1] dr/dv + weights[2] dr/dy for Newton, and J.
 
         The kernel leaves the rates of the second-order rows out unless asked for them: they are of
         the order of the step times the elastic rates, and Newton does not miss them in a smooth
         motion.
         """
-        if self._kernel is not None:
-            *parts, J = self._kernel.tangent(y, v, a, lam, t, rates)
-        else:
-            *parts, J = self.reference.tangent(y, v, a, lam, t)
+        *parts, J = self.tangent(y, v, a, lam, t, rates)
         S = sum(w * part for w, part in zip(weights, parts, strict=True) if w)
-        return IterationMatrix(np.asarray(S), J)
+        return np.asarray(S), J
 
     def structural_stiffness(self, y: Array) -> Array:
         """K of links and springs alone, without the stiffness that loads bring, shape (nv, nv).
@@ -414,7 +402,7 @@ class Equations:
         ):
             return self.system.dissipation(v)
         if self.compiled is not None:
-            return self.compiled.evaluator.losses(y, v)
+            return self.compiled.losses(y, v)
         return self.reference.losses(y, v)
 
 

@@ -16,10 +16,10 @@ from pinflex.rotations import euler_rates, zyx_angles
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
-    from pinflex.mechanics.evaluation.compiled import Kinematics
     from pinflex.mechanics.evaluation.equations import Equations
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.loads import Attachment
+    from pinflex.mechanics.reference.evaluator import Kinematics
 
 
 class Frame:
@@ -168,7 +168,7 @@ _MOVE = 1e-7  # m or rad: of a difference
 def closure_motion(dynamics: Equations, Y: Array, V: Array, A: Array) -> Array:
     """Closures, and their first and second time derivatives, shape (3, n, rows)."""
     if (compiled := dynamics.compiled) is not None:
-        return compiled.evaluator.closure_motion(Y, V, A)
+        return compiled.closure_motion(Y, V, A)
     c, J = dynamics.close(Y)
     return np.array([c, _times(J, V), _times(J, A) + dynamics.closure_bias(Y, V)])
 

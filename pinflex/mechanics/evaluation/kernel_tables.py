@@ -128,22 +128,12 @@ def _starts(lengths: list[int]) -> IntArray:
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
 _POINT, _DIRECTION, _DISTANCE = range(3)
 _LANES = constant("LANES")
-_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
-_NONE = (0.0, 0.0, 0.0)
-_JOINTS = {
-    **{f"R{x}": (REVOLUTE, axis) for x, axis in _AXES.items()},
-    **{f"RUB{x}": (CIRCLE, axis) for x, axis in _AXES.items()},
-    **{f"P{x}": (SLIDE, axis) for x, axis in _AXES.items()},
-    "Translation": (TRANSLATION, _NONE),
-    "Spherical": (BALL, _NONE),
-    "FreeFlyer": (FREE, _NONE),
-    "Planar": (PLANAR, _NONE),
-}
-_ALONG = {
-    "RevoluteUnaligned": REVOLUTE,
-    "RevoluteUnboundedUnaligned": CIRCLE,
-    "PrismaticUnaligned": SLIDE,
-}
+_KINDS = {
+    **dict.fromkeys(("RX", "RY", "RZ", "RevoluteUnaligned"), REVOLUTE),
+    **dict.fromkeys(("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned"), CIRCLE),
+    **dict.fromkeys(("PX", "PY", "PZ", "PrismaticUnaligned"), SLIDE),
+    "Translation": TRANSLATION, "Spherical": BALL, "FreeFlyer": FREE, "Planar": PLANAR,
+}  # fmt: skip
 _PREFIX = "JointModel"
 _PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
 # What the tables are made of, and what is beside it in the same records. A field beyond these, or
@@ -195,7 +185,7 @@ def uncovered(system: System) -> str | None:
         return "closure row of another sort"
     for joint in system.expansion.model.joints.tolist()[1:]:
         name = joint.shortname().removeprefix(_PREFIX)
-        if name not in _JOINTS and name not in _ALONG:
+        if name not in _KINDS:
             return f"joint of Pinocchio's kind {name}"
     return _unknown(system, KNOWN | {type(system): SYSTEM}, set())
 
@@ -351,16 +341,16 @@ def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], lis
 
 
 def _kind(joint: Any) -> tuple[int, Sequence[float]]:
-    name = joint.shortname().removeprefix(_PREFIX)
-    if name in _JOINTS:
-        return _JOINTS[name]
+    """Kind of a joint, and its axis, where it has one."""
+    kind = _KINDS[joint.shortname().removeprefix(_PREFIX)]
+    if kind not in (REVOLUTE, CIRCLE, SLIDE):
+        return kind, (0.0, 0.0, 0.0)
     # Not every kind of joint tells its axis: its column of the Jacobian does, at any position.
     data, start = joint.createData(), np.zeros(joint.nq)
     start[:1] = joint.nq > joint.nv  # cos, sin
     joint.calc(data, start)
     twist = np.asarray(data.S, dtype=float).ravel()
-    axis = twist[:3] if _ALONG[name] == SLIDE else twist[3:]
-    return _ALONG[name], axis.tolist()
+    return kind, (twist[:3] if kind == SLIDE else twist[3:]).tolist()
 
 
 def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from pinflex.mechanics.kinks import Kinks, Pull
 from pinflex.mechanics.manifold import skew, support
 from pinflex.mechanics.reference import sleeves
-from pinflex.mechanics.reference.sleeves import PAST, Jet, dot
+from pinflex.mechanics.reference.sleeves import PAST, Jet, constant, dot
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
@@ -89,17 +89,15 @@ def wrenches(
 def sleeves_at(closed: Closures, poses: Array, eta: Array) -> list[sleeves.Place]:
     """Where the sleeves are at one state."""
     loops, frames = len(closed.names), closed.frames(poses[None])[0].swapaxes(1, 2)
-    a_b = Jet(frames, np.zeros((*frames.shape, 1)))
-    z = Jet(eta, np.zeros((len(eta), 1)))
+    a_b, z = constant(frames), constant(eta)
     return [sleeves.Place(one, a_b[one.loop], a_b[loops + one.loop], z) for one in closed.contacts]
 
 
 def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> Jet:
     """c of all rows, shape (n, rows)."""
     frames, (n, m) = _moving(closed.frames(poses), moves), (len(poses), moves.Q.shape[2])
-    loops, timed = len(closed.names), moves.swept is not None
-    value, grad = np.zeros((n, closed.n)), np.zeros((n, closed.n, m))
-    out = Jet(value, grad, np.zeros((n, closed.n, m, m)) if timed else None)
+    loops, shape = len(closed.names), (n, closed.n, m)
+    out = Jet(np.zeros(shape[:2]), np.zeros(shape), np.zeros(shape))
     at: IntArray
     if len(at := closed.point_rows):
         a = closed.loop_of[at]
@@ -113,10 +111,11 @@ def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> 
         apart = frames[:, loops + a, 3] - frames[:, a, 3]
         _write(out, at, dot(apart, apart).plus(-(lengths**2)).over(2.0 * lengths))
     if len(at := (coupled := closed.coupled).rows):
-        hess = None if moves.A is None else (moves.A @ coupled.J.T)[..., None, None]
-        _write(out, at, Jet(coupled.value(Q), coupled.J @ moves.Q, hess))
+        grad = coupled.J @ moves.Q
+        bend = 0.0 * grad if moves.A is None else (moves.A @ coupled.J.T)[..., None]
+        _write(out, at, Jet(coupled.value(Q), grad, bend))
     for k in range(n) if closed.contacts else ():
-        z = Jet(eta[k], moves.eta[k], np.zeros((len(eta[k]), m, m)) if timed else None)
+        z = Jet(eta[k], moves.eta[k], np.zeros((len(eta[k]), m)))
         for contact in closed.contacts:
             if not len(contact.rows):  # other loops hold all that it would
                 continue
@@ -129,9 +128,7 @@ def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> 
 def _write(out: Jet, at: object, found: Jet) -> None:
     """Put rows at their places."""
     key = at if isinstance(at, tuple) else (slice(None), at)
-    out.value[key], out.grad[key] = found.value, found.grad
-    if out.hess is not None:
-        out.hess[key] = found.hess
+    out.value[key], out.grad[key], out.bend[key] = found.value, found.grad, found.bend
 
 
 def _moving(frames: Array, moves: Moves) -> Jet:
@@ -144,12 +141,12 @@ def _moving(frames: Array, moves: Moves) -> Jet:
     v, w = moves.twists[:, :, None, :3], moves.twists[:, :, None, 3:]
     grad = arms @ w
     grad[:, :, 3:] += v
-    if moves.swept is None:
-        return Jet(columns, grad)
+    if moves.swept is None:  # only first derivatives are asked for
+        return Jet(columns, grad, np.zeros_like(grad))
     rate, spin = grad[..., 0], w[..., 0]
-    hess = (arms @ moves.swept[:, :, None, 3:, None])[..., 0] + np.cross(spin, rate)
-    hess[:, :, 3] += moves.swept[:, :, :3]
-    return Jet(columns, grad, hess[..., None, None])
+    bend = (arms @ moves.swept[:, :, None, 3:, None])[..., 0] + np.cross(spin, rate)
+    bend[:, :, 3] += moves.swept[:, :, :3]
+    return Jet(columns, grad, bend[..., None])
 
 
 def on_segments(closed: Closures, poses: Array) -> Closures:

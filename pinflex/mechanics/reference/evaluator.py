@@ -14,19 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.mechanics.evaluation.compiled import (
-    Closure,
-    Energies,
-    JointForces,
-    Kinematics,
-    Tangent,
-)
+from pinflex.kernel.evaluate import Closure, Energies, JointForces, Tangent
 from pinflex.mechanics.kinks import Pull
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.strain import Strain
@@ -85,8 +79,12 @@ class Placing:
         Of one joint alone poses are read in a tenth of the time; those of the others are NaN. So
         are, at several configurations of a large model, those of stations that carry nothing.
         """
+        if self._dear and len(Q) == 1:
+            return self._jacobian_at(Q[0])
         if self._dear:
-            return self._bones.jacobians(Q) if len(Q) > 1 else self._jacobian_at(Q[0])
+            some = self._bones if joint is None else self.model.supports[joint].tolist()[1:]
+            looks = [self._step_by_step(q, some) for q in Q]
+            return np.concatenate([x for x, _ in looks]), np.concatenate([J for _, J in looks])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
             J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
@@ -99,8 +97,17 @@ class Placing:
         return poses, J
 
     @cached_property
-    def _bones(self) -> _Bones:
-        return _Bones(self.model, self._joints)
+    def _bones(self) -> list[int]:
+        """Joints but stations that carry nothing and are not looked at."""
+        wanted, above = {*self._joints}, {*self._tree[1]}
+        return [j for j in range(1, int(self.model.njoints)) if j in above or j in wanted]
+
+    @cached_property
+    def _tree(self) -> tuple[list[Any], ...]:
+        """Joints, their parents and places, rows and numbers of rows, as lists: found quickly."""
+        m = self.model
+        every = m.joints, m.parents, m.jointPlacements, m.idx_vs, m.nvs
+        return tuple(of.tolist() for of in every)
 
     def jacobian_rates(self, Q: Array, V: Array) -> Array:
         """Rates of the world Jacobians (n, 6, nV) at Q (n, nQ), V (n, nV)."""
@@ -115,50 +122,33 @@ class Placing:
         """The same, where it is known: at home all who load a system look."""
         found = self._last.get(key := q.tobytes())
         if found is None:
-            found = self._step_by_step(q)
+            found = self._step_by_step(q, range(1, int(self.model.njoints)))
             for array in found:
                 array.flags.writeable = False  # others look at it, too
             self._last.clear()
             self._last[key] = found
         return found
 
-    def _step_by_step(self, q: Array) -> tuple[Array, Array]:
-        """Poses (1, joints, 12) and Jacobian (1, 6, nV) without a workspace."""
-        model, placed, own = self.model, [pin.SE3.Identity()], []
-        above, places = model.parents.tolist(), model.jointPlacements.tolist()
-        for j, joint in enumerate(model.joints.tolist()[1:], start=1):
-            data = joint.createData()
-            joint.calc(data, q)
-            placed.append(placed[above[j]] * (places[j] * data.M))
+    def _step_by_step(self, q: Array, some: Sequence[int]) -> tuple[Array, Array]:
+        """Poses (1, joints, 12) and Jacobian (1, 6, nV) of some joints without a workspace.
+
+        Poses of the others are NaN, their columns zero.
+        """
+        joints, above, places, first, count = self._tree
+        placed, own = {0: pin.SE3.Identity()}, [np.zeros((6, 0))]
+        for j in some:
+            data = joints[j].createData()
+            joints[j].calc(data, q)
+            placed[j] = placed[above[j]] * (places[j] * data.M)
             own.append(np.asarray(data.S, dtype=float).reshape(6, -1))
-        poses, S = _twelve([[place.np for place in placed]]), np.hstack(own)
-        of = np.repeat(np.arange(len(placed)), model.nvs.tolist())
+        poses, J = np.full((1, len(joints), 12), np.nan), np.zeros((1, 6, self.model.nv))
+        poses[:, list(placed)] = _twelve([[place.np for place in placed.values()]])
+        of = [j for j in some for _ in range(count[j])]
+        rows = [first[j] + k for j in some for k in range(count[j])]
         axes, origins = poses[0, of, :9].reshape(-1, 3, 3), poses[0, of, 9:]
-        J = np.einsum("nkx,pkn->npx", axes, S.reshape(2, 3, -1))
-        J[:, 0] += cross(origins, J[:, 1])
-        return poses, np.ascontiguousarray(J.reshape(-1, 6).T)[None]
-
-
-class _Bones:
-    """A large model without the stations that carry nothing: a small workspace does for it."""
-
-    def __init__(self, model: pin.Model, joints: Iterable[int]) -> None:
-        wanted, self._model, part = set(joints), model, pin.Model()
-        here, q, v = {0: 0}, list[int](), list[int]()
-        for j, joint in enumerate(model.joints):
-            if j and (len(model.children[j]) or j in wanted):
-                above = here[int(model.parents[j])]
-                here[j] = part.addJoint(above, joint, model.jointPlacements[j], model.names[j])
-                q += range(joint.idx_q, joint.idx_q + joint.nq)
-                v += range(joint.idx_v, joint.idx_v + joint.nv)
-        self._q, self._v, self._joints, self._placing = q, v, list(here), Placing(part)
-        self._placing.data  # noqa: B018  (small: no look is dear)
-
-    def jacobians(self, Q: Array) -> tuple[Array, Array]:
-        """As `Placing.jacobians`; columns of what is left out are zero."""
-        poses = np.full((len(Q), self._model.njoints, 12), np.nan)
-        J = np.zeros((len(Q), 6, self._model.nv))
-        poses[:, self._joints], J[:, :, self._v] = self._placing.jacobians(Q[:, self._q])
+        twists = np.einsum("nkx,pkn->npx", axes, np.hstack(own).reshape(2, 3, -1))
+        twists[:, 0] += cross(origins, twists[:, 1])
+        J[0][:, rows] = twists.reshape(-1, 6).T
         return poses, J
 
 
@@ -216,6 +206,22 @@ class Configuration:
     def times_map(self, D: Array) -> Array:
         """D X, shape (..., k, nv), of D (k, nV) of one state or (n, k, nV) of all."""
         return D if self.X is None else (D @ self.X).reshape(*D.shape[:-1], -1)
+
+
+class Kinematics(NamedTuple):
+    """Joints at n states.
+
+    Attributes:
+        here: Expanded configurations and map.
+        poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.manifold`.
+        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
+            without rates.
+    """
+
+    here: Configuration
+    poses: Array
+    J: Array
+    dJ: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,8 +396,7 @@ class Reference:
             here, poses, Y,
             lambda on, s: closures.by_time(on, here.V[s], here.A[s], J[s], dJ[s], V[s, self._v :]),
         )  # fmt: skip
-        assert found.hess is not None
-        return found.hess[:, :, 0, 0]
+        return found.bend[:, :, 0]
 
     def _rows(
         self, here: Configuration, poses: Array, Y: Array, moves: Callable[[Closures, slice], Moves]

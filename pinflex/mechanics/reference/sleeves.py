@@ -33,75 +33,67 @@ if TYPE_CHECKING:
     from pinflex.mechanics.model.slider import Segment, Sleeve
 
 
-# Arrays with their first and, if wanted, second derivatives by m variables.
+# Arrays with their first and second derivatives along each of m variables.
 
 
 @dataclass(frozen=True, eq=False)
 class Jet:
-    """An array and its derivatives.
+    """An array and its derivatives along each variable by itself.
 
     Attributes:
-        value: Shape (...). grad: Shape (..., m). hess: Shape (..., m, m), or None: first order.
+        value: Shape (...). grad, bend: First and second derivatives, shape (..., m).
     """
 
     value: Array
     grad: Array
-    hess: Array | None = None
+    bend: Array
 
     def __getitem__(self, at: Any) -> Jet:
-        return Jet(self.value[at], self.grad[at], None if self.hess is None else self.hess[at])
+        return Jet(self.value[at], self.grad[at], self.bend[at])
 
     def __add__(self, other: Jet) -> Jet:
-        second = self.hess is None or other.hess is None
-        hess = None if second else self.hess + other.hess  # type: ignore[operator]
-        return Jet(self.value + other.value, self.grad + other.grad, hess)
+        return Jet(self.value + other.value, self.grad + other.grad, self.bend + other.bend)
 
     def __sub__(self, other: Jet) -> Jet:
         return self + other.times(-1.0)
 
     def times(self, factor: float) -> Jet:
         """The array times a number."""
-        hess = None if self.hess is None else factor * self.hess
-        return Jet(factor * self.value, factor * self.grad, hess)
+        return Jet(factor * self.value, factor * self.grad, factor * self.bend)
 
     def plus(self, constant: float | Array) -> Jet:
         """The array plus constants."""
-        return Jet(self.value + constant, self.grad, self.hess)
+        return Jet(self.value + constant, self.grad, self.bend)
 
     def over(self, factors: Array) -> Jet:
         """The array over constants of its own shape."""
-        hess = None if self.hess is None else self.hess / factors[..., None, None]
-        return Jet(self.value / factors, self.grad / factors[..., None], hess)
+        each = factors[..., None]
+        return Jet(self.value / factors, self.grad / each, self.bend / each)
 
 
-def constant(value: Any, like: Jet) -> Jet:
-    """An array that depends on none of the variables of another one."""
-    value, m = np.asarray(value, dtype=float), like.grad.shape[-1]
-    hess = None if like.hess is None else np.zeros((*value.shape, m, m))
-    return Jet(value, np.zeros((*value.shape, m)), hess)
-
-
-def still(jet: Jet) -> Jet:
-    """The array as a constant, beside one variable."""
-    return Jet(jet.value, np.zeros((*jet.value.shape, 1)))
+def constant(value: Any, m: int = 1) -> Jet:
+    """An array that depends on none of m variables."""
+    value = np.asarray(value, dtype=float)
+    none = np.zeros((*value.shape, m))
+    return Jet(value, none, none)
 
 
 def product(rule: str, f: Jet, g: Jet) -> Jet:
-    """A product of two arrays by a rule of `numpy.einsum`, which names neither m nor n."""
+    """A product of two arrays by a rule of `numpy.einsum`, which does not name m."""
     (a, b), out = rule.split("->")[0].split(","), rule.split("->")[1]
 
-    def summed(of: str, to: str, x: Array, y: Array) -> Array:
-        return np.asarray(np.einsum(f"{of}->{to}", x, y))
+    def first(x: Array, y: Array) -> Array:
+        return np.asarray(np.einsum(f"{a}m,{b}->{out}m", x, y))
 
-    value = summed(f"{a},{b}", out, f.value, g.value)
-    grad = summed(f"{a}m,{b}", f"{out}m", f.grad, g.value)
-    grad = grad + summed(f"{a},{b}m", f"{out}m", f.value, g.grad)
-    if f.hess is None or g.hess is None:
-        return Jet(value, grad)
-    both = summed(f"{a}m,{b}n", f"{out}mn", f.grad, g.grad)
-    hess = summed(f"{a}mn,{b}", f"{out}mn", f.hess, g.value)
-    hess = hess + summed(f"{a},{b}mn", f"{out}mn", f.value, g.hess)
-    return Jet(value, grad, hess + both + both.swapaxes(-1, -2))
+    def second(x: Array, y: Array) -> Array:
+        return np.asarray(np.einsum(f"{a},{b}m->{out}m", x, y))
+
+    both = np.einsum(f"{a}m,{b}m->{out}m", f.grad, g.grad)
+    return Jet(
+        np.asarray(np.einsum(rule, f.value, g.value)),
+        first(f.grad, g.value) + second(f.value, g.grad),
+        first(f.bend, g.value) + second(f.value, g.bend) + both + both,
+    )
 
 
 def dot(f: Jet, g: Jet) -> Jet:
@@ -111,36 +103,26 @@ def dot(f: Jet, g: Jet) -> Jet:
 
 def stacked(parts: Sequence[Jet]) -> Jet:
     """One array of several, along a new first axis."""
-    hess = None
-    if all(part.hess is not None for part in parts):
-        hess = np.array([part.hess for part in parts])
-    return Jet(np.array([p.value for p in parts]), np.array([p.grad for p in parts]), hess)
+    return Jet(*(np.array([getattr(part, x) for part in parts]) for x in _PARTS))
 
 
-def joined(parts: Sequence[Jet], axis: int = 0) -> Jet:
-    """One array of several, along an axis that they have."""
-    hess = None
-    if all(part.hess is not None for part in parts):
-        hess = np.concatenate([part.hess for part in parts if part.hess is not None], axis)
-    value, grad = (
-        np.concatenate(x, axis) for x in zip(*((p.value, p.grad) for p in parts), strict=True)
-    )
-    return Jet(value, grad, hess)
+def joined(parts: Sequence[Jet]) -> Jet:
+    """One array of several, along the first axis."""
+    return Jet(*(np.concatenate([getattr(part, x) for part in parts]) for x in _PARTS))
+
+
+_PARTS = ("value", "grad", "bend")
 
 
 def function(value: Array, first: Array, second: Array, of: Jet) -> Jet:
     """f(z) by its value (...), its derivatives (..., p) and (..., p, p) there, and z (p,)."""
-    grad = first @ of.grad
-    if of.hess is None:
-        return Jet(np.asarray(value), grad)
-    hess = of.grad.T @ second @ of.grad + np.einsum("...p,pmn->...mn", first, of.hess)
-    return Jet(np.asarray(value), grad, hess)
+    curved = np.einsum("pm,...pq,qm->...m", of.grad, second, of.grad)
+    return Jet(np.asarray(value), first @ of.grad, curved + first @ of.bend)
 
 
 def scalar(f: float, df: float, ddf: float, of: Jet) -> Jet:
     """A function of a number, by its value and derivatives there."""
-    hess = None if of.hess is None else df * of.hess + ddf * np.outer(of.grad, of.grad)
-    return Jet(np.asarray(f), df * of.grad, hess)
+    return Jet(np.asarray(f), df * of.grad, df * of.bend + ddf * of.grad**2)
 
 
 def turn_about(axis: int, angle: Jet) -> Jet:
@@ -150,7 +132,7 @@ def turn_about(axis: int, angle: Jet) -> Jet:
         scalar(np.cos(a), -np.sin(a), -np.cos(a), angle),
         scalar(np.sin(a), np.cos(a), -np.sin(a), angle),
     )
-    one, nil = constant(1.0, angle), constant(0.0, angle)
+    one, nil = constant(1.0, len(angle.grad)), constant(0.0, len(angle.grad))
     rows = [[nil] * 3 for _ in range(3)]
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rows[axis][axis] = one
@@ -210,7 +192,8 @@ class _Segment:
             (6 * x - 2 * length) / length**2,
             s,
         )
-        along = stacked([s, constant(0.0, s), constant(0.0, s)])
+        nil = constant(0.0, len(s.grad))
+        along = stacked([s, nil, nil])
         moved = section(self._of.track, s, self._eta, (0, 1, 2), 0)
         return moved + along + product("i,->i", self._kappa, b)
 
@@ -225,7 +208,7 @@ class _Segment:
 
         Shear is no part of it: a section is not square to a beam that shears.
         """
-        tip, track = constant(self.length, self._eta), self._of.track
+        tip, track = constant(self.length, self._eta.grad.shape[1]), self._of.track
         rate = section(track, tip, self._eta, (0, 1, 2), 1)
         angles = section(track, tip, self._eta, (3, 4), 0)
         shear = function(
@@ -241,7 +224,7 @@ class _Segment:
         ahead, rise = rate[0].plus(1.0), product(",->", tangents[1], secant)
         across = product(",->", ahead, tangents[0]) - (rate[1] - shear[0])
         down = product(",->", ahead, rise).times(-1.0) - (rate[2] - shear[1])
-        return stacked([constant(0.0, across), across, down])
+        return stacked([constant(0.0, len(across.grad)), across, down])
 
 
 class Curve:
@@ -254,7 +237,7 @@ class Curve:
     def __init__(self, sleeve: Sleeve, on: int, p: Jet, eta: Jet) -> None:
         self._sleeve, self._on, self._eta, self._p = sleeve, on, eta, p
         here = _Segment(sleeve.segments[on], eta)
-        flat_p, flat = still(p), _Segment(sleeve.segments[on], still(eta))
+        flat_p, flat = constant(p.value), _Segment(sleeve.segments[on], constant(eta.value))
 
         def before(p: Jet, of: _Segment) -> Callable[[Jet], Jet]:
             return lambda s: dot(p - of.r(s), of.R(s)[:, 0])
@@ -275,26 +258,32 @@ class Curve:
         """Distance of the curve at an end of the sleeve from the tangent in its middle."""
         half, t = self._sleeve.half, self.R[:, 0]
         number = self._reached(side)
-        there, flat = (self._seen(number, eta) for eta in (self._eta, still(self._eta)))
+        there, flat = (self._seen(number, eta) for eta in (self._eta, constant(self._eta.value)))
 
         def ahead(r: Callable[[Jet], Jet], origin: Jet, t: Jet) -> Callable[[Jet], Jet]:
             return lambda s: dot(r(s) - origin, t).plus(-side * half)
 
         length = self._sleeve.segments[number].length
         guess = 0.0 if number != self._on else float(self.r.value[0]) + side * half
-        s = _root(ahead(there, self.r, t), ahead(flat, still(self.r), still(t)), guess, length, t)
+        s = _root(
+            ahead(there, self.r, t),
+            ahead(flat, constant(self.r.value), constant(t.value)),
+            guess,
+            length,
+            t,
+        )
         return dot(there(s) - self.r, self.normal(axis))
 
     def _reached(self, side: int) -> int:
         """Number of the segment that an end of the sleeve is on."""
         on, half, t = self._on, self._sleeve.half, self.R.value[:, 0]
-        root, mine = on, still(self._eta)
+        mine = constant(self._eta.value)
         if side < 0:
             return on - int(on > 0 and t @ self.r.value < half)
         if on + 1 == len(self._sleeve.segments):
             return on
-        last = _Segment(self._sleeve.segments[root], mine)
-        tip = last.r(constant(last.length, mine)).value
+        last = _Segment(self._sleeve.segments[on], mine)
+        tip = last.r(constant(last.length)).value
         return on + int(t @ (tip - self.r.value) < half)
 
     def _seen(self, number: int, eta: Jet) -> Callable[[Jet], Jet]:
@@ -303,7 +292,7 @@ class Curve:
         if number == self._on:
             return there.r
         first = _Segment(self._sleeve.segments[min(number, self._on)], eta)
-        tip = constant(first.length, eta)
+        tip = constant(first.length, eta.grad.shape[1])
         R, origin = first.R(tip), first.r(tip)
         if number > self._on:
             return lambda s: product("ij,j->i", R, there.r(s)) + origin
@@ -316,14 +305,14 @@ def _root(
     """s with f(s) = 0: a number by Newton, then its derivatives, one order an iteration."""
     x, step = guess, length
     for _ in range(_NEWTON):
-        found = flat(Jet(np.array(x), np.ones(1)))
+        found = flat(Jet(np.array(x), np.ones(1), np.zeros(1)))
         slope = float(found.grad[0])
         if abs(step) < _MET * length:  # the slope there is that of the derivatives
             break
         step = -float(found.value) / slope
         x += step
-    s = constant(x, like)
-    for _ in range(1 if like.hess is None else 2):
+    s = constant(x, like.grad.shape[-1])
+    for _ in range(2):
         s = s - f(s).times(1.0 / slope)
     return s
 
@@ -382,8 +371,9 @@ class Place:
 
     def _on_one_body(self, line: _Bent, lam: Array) -> Array:
         """The same: g takes the derivatives of the rows by it, the place X that by X."""
-        still = [Jet(x.value, np.zeros((3, _SIZE))) for x in self._seen]
-        by_g = _Bent(still[0], line.half, Jet(line.g.value, np.eye(_SIZE)), line.slopes)
+        still = [constant(x.value, _SIZE) for x in self._seen]
+        g = Jet(line.g.value, np.eye(_SIZE), np.zeros((_SIZE, _SIZE)))
+        by_g = _Bent(still[0], line.half, g, line.slopes)
         on = lam @ _rows(self._sleeve, by_g, still).grad
         out = np.zeros((3, 8))
         out[:, 0] = self.at + line.half * np.array([-1.0, 0.0, 1.0])
@@ -416,7 +406,7 @@ def _line(contact: Contact, p: Jet, eta: Jet) -> _Bent | Curve:
     if sleeve.segments:
         return Curve(sleeve, contact.on, p, eta)
     if sleeve.track is None:  # a straight beam
-        return _Bent(p, sleeve.half, constant(np.zeros(_SIZE), p), np.zeros(_SIZE))
+        return _Bent(p, sleeve.half, constant(np.zeros(_SIZE), p.grad.shape[1]), np.zeros(_SIZE))
     return _Bent(p, sleeve.half, *_deflections(sleeve.track, p[0], eta[sleeve.eta], sleeve.half))
 
 
@@ -457,5 +447,5 @@ class _Bent:
     def normal(self, axis: int) -> Jet:
         """Axis of the section."""
         slope, psi = self.g[4 * axis - 1].times(-1.0), self.g[8]
-        one = constant(1.0, slope)
+        one = constant(1.0, len(slope.grad))
         return stacked([slope, one, psi] if axis == 1 else [slope, psi.times(-1.0), one])

@@ -121,7 +121,7 @@ def test_zeros_in_the_places_of_others_change_nothing():
     rng, n = np.random.default_rng(2), system.tables.counts
     y, v, a = (1e-2 * rng.standard_normal((3, n[k])) for k in ("nq", "nv", "nv"))
     rest = np.zeros((3, n["closures"])), np.zeros((3, n["forces"]))
-    r, wanted = (Evaluator(t).residuals(y, v, a, *rest)[0] for t in (wide, bare))
+    r, wanted = (Evaluator(t).residual(y, v, a, *rest)[0] for t in (wide, bare))
     # sums with zeros among them: the order of the others is the same
     assert np.abs(r - wanted).max() <= 1e-14 * np.abs(wanted).max()
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.integrators.collocation import radau
 from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
 from pinflex.solver.scene import Scene
@@ -58,7 +59,7 @@ def test_and_so_is_a_run_within_a_tolerance() -> None:
 def test_spare_workspaces_go_with_their_system_and_to_no_other_process() -> None:
     given = scene(pf.load("race_r1"), ())
     given.resolved(np.linspace(0.0, 0.02, 21), 1e-2)
-    system, kind = given.mechanism.loose, (6, True)  # stages, and motors that are prescribed
+    system, kind = given.mechanism.loose, (radau(6).A.tobytes(), True)  # motors: prescribed
     assert pickle.loads(pickle.dumps(system.spares)).acquire(kind) is None
     spare = system.spares.acquire(kind)
     assert spare is not None and system.spares.acquire(kind) is None

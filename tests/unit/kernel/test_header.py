@@ -7,7 +7,6 @@ import ctypes
 import pytest
 
 from pinflex.kernel import library
-from pinflex.kernel.evaluate import INTEGERS, NUMBERS
 
 Int, Pointer = ctypes.c_int64, ctypes.c_void_p
 
@@ -30,7 +29,7 @@ def test_structures_have_the_fields_of_the_sources(monkeypatch):
 
 def test_every_array_of_a_system_is_filled():
     """One that the sources read and nobody fills would end the process."""
-    assert {*INTEGERS, *NUMBERS} == set(library.names("Tables", Pointer))
+    assert {*library.shapes("Tables")} == set(library.names("Tables", Pointer))
 
 
 def test_functions_have_the_types_of_the_sources():

@@ -332,7 +332,7 @@ def test_and_frames_stand_where_pinocchio_has_them(seed: int) -> None:
         expected = Frame(compiled.model, place).pose(compiled.joint_poses(Y))
         for one, other in zip(found, expected, strict=True):  # seen: 4e-15 in metres of chain
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
-    evaluator = compiled.compiled.evaluator
+    evaluator = Evaluator(system.tables)
     with pytest.raises(PinflexError, match="a state of"):
         evaluator.poses(Y[:, 1:], [0])
     with pytest.raises(PinflexError, match="a node that is none"):
@@ -371,7 +371,7 @@ def test_sizes_and_indices_are_checked_at_the_boundary() -> None:
     Y, V, A, lam, _ = states(system, home, 3)
     evaluator = Evaluator(system.tables)
     with pytest.raises(PinflexError, match="a state of"):
-        evaluator.residuals(Y[:, 1:], V, A, lam, np.zeros((3, 0)))
+        evaluator.residual(Y[:, 1:], V, A, lam, np.zeros((3, 0)))
     counts, arrays = system.tables.__reduce__()[1]
     for name, wrong in (("node_v", 1_000_000), ("parent", 1_000_000), ("kind", 7), ("phi_at", -1)):
         bad = {**arrays, name: np.full_like(arrays[name], wrong)}
@@ -390,9 +390,9 @@ def test_tables_travel_to_other_processes() -> None:
     Y, V, A, lam, _ = states(system, home, 2)
     none = np.zeros((2, 0))
     there = pickle.loads(pickle.dumps(system.tables))
-    found = Evaluator(there).residuals(Y, V, A, lam, none)
+    found = Evaluator(there).residual(Y, V, A, lam, none)
     np.testing.assert_array_equal(
-        found[0], Evaluator(system.tables).residuals(Y, V, A, lam, none)[0]
+        found[0], Evaluator(system.tables).residual(Y, V, A, lam, none)[0]
     )
 
 

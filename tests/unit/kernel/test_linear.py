@@ -17,7 +17,7 @@ from pinflex.arrays import Array
 from pinflex.errors import PinflexError
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev, varying
 from pinflex.integrators.collocation import generalized_alpha, newmark
-from pinflex.kernel.evaluate import ConstantPart, LinearKernel, linear_systems
+from pinflex.kernel.evaluate import ConstantPart, LinearKernel
 from pinflex.kernel.library import kernel
 from pinflex.levels import ked
 from pinflex.levels.ked import LinearMarch, Workspace
@@ -159,17 +159,17 @@ def test_linear_systems_of_several_states_are_the_tangents_at_each():
     rng = np.random.default_rng(3)
     v, a, lam = (rng.normal(size=(3, n)) for n in (nv, nv, closures))
     y = Manifold(dynamics).retract(np.tile(robot.undeformed(), (3, 1)), 0.01 * v)
-    evaluator, scale = dynamics.compiled.evaluator, dynamics.compiled.scale(np.zeros(3))
+    compiled, t = dynamics.compiled, np.zeros(3)
     at = rng.permutation(nv * (3 * nv + closures))[:200]
     found = np.full((3, 210), np.nan)
-    linear_systems(evaluator, (y, v, a, lam, scale), at, found)
+    compiled.linear_systems((y, v, a, lam, t), at, found)
     for k in range(3):
         each = dynamics.tangent(y[k], v[k], a[k], lam[k], 0.0)
         whole = np.concatenate([x.ravel() for x in each])
         assert np.array_equal(found[k, :200], whole[at]) and np.all(np.isnan(found[k, 200:]))
     with pytest.raises(PinflexError, match="no room"):
-        linear_systems(evaluator, (y, v, a, lam, scale), at, found[:, :100])
-    with pytest.raises(PinflexError, match="states of"):
-        linear_systems(evaluator, (y[:2], v, a, lam, scale), at, found)
+        compiled.linear_systems((y, v, a, lam, t), at, found[:, :100])
+    with pytest.raises(PinflexError, match="a state of"):
+        compiled.linear_systems((y[:2], v, a, lam, t), at, found)
     with pytest.raises(PinflexError, match="an entry of a tangent"):
-        linear_systems(evaluator, (y, v, a, lam, scale), at + nv * (3 * nv + closures), found)
+        compiled.linear_systems((y, v, a, lam, t), at + nv * (3 * nv + closures), found)

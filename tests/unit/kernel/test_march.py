@@ -36,7 +36,7 @@ from pinflex.integrators.compiled import STATE, Batch, read, sorts_of, tabulated
 from pinflex.integrators.march import March, Radau, Record
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.kernel.march import Rows, Scheme, StageKernel
+from pinflex.kernel.march import Rows, StageKernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -59,18 +59,18 @@ def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
         at = model.addJoint(at, joint, pin.SE3.Random(), f"joint {k}")
         model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
     system, m, none = bare(model), radau(3), np.zeros(0, dtype=np.intp)
-    scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
     rows = Rows(False, np.arange(model.nv), none, none, none, *sorts_of(system))
-    stages = StageKernel(Compiled(system).evaluator, scheme, rows)
+    stages = StageKernel(Compiled(system), m.arrays, rows)
     pin.seed(1)
     y = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     v = size * rng.normal(size=model.nv)
-    stages.y0[...], stages.v0[...], stages.a[...], stages.turn[...] = y, v, 0.0, 0.0
-    stages.place(1.0)
+    x = stages.arrays
+    x["y0"][...], x["v0"][...], stages.at.h = y, v, 1.0
+    stages.functions.pinflex_place(stages.tables, stages.address)
     for k, share in enumerate(m.c):
         rates = np.linalg.solve(pin.dIntegrate(model, y, share * v, pin.ARG1), v)
-        assert np.max(np.abs(stages.turn[k] - (rates - v))) < 1e-12 * size
-        back = pin.difference(model, stages.y[k], pin.integrate(model, y, stages.move[k]))
+        assert np.max(np.abs(x["turn"][k] - (rates - v))) < 1e-12 * size
+        back = pin.difference(model, x["y"][k], pin.integrate(model, y, x["move"][k]))
         assert np.max(np.abs(back)) < 1e-14 * (1 + 10 * size)
 
 

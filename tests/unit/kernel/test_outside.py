@@ -206,7 +206,7 @@ def test_what_rubs_and_damps_takes_its_force_times_the_speed(tmp_path: Path) -> 
     force = (2.0 + law.excess[0] * np.exp(-((x / 0.3) ** 2))) * np.tanh(x / law.speed[0])
     expected = force * x + 3.0 * x**2 + 0.5 * w**2
     y = np.tile(m.home, (3, 1))
-    np.testing.assert_allclose(compiled.evaluator.losses(y, v), expected, rtol=1e-12)
+    np.testing.assert_allclose(compiled.losses(y, v), expected, rtol=1e-12)
 
 
 def test_a_run_that_ends_with_its_motion_ends_at_rest() -> None:

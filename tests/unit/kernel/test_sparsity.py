@@ -19,7 +19,7 @@ from pinflex.arrays import Array
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled import sorts_of
 from pinflex.kernel.library import constant, kernel
-from pinflex.kernel.march import Rows, Scheme, StageKernel
+from pinflex.kernel.march import Rows, StageKernel
 from pinflex.lab.scene import Body, scene
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.evaluation.compiled import Compiled
@@ -49,11 +49,10 @@ def test_all_stages_are_solved_as_by_the_whole_matrix(kind: str) -> None:
     """Also where a coordinate has neither mass nor stiffness: no pivot of its own serves."""
     system = pf.load("delta").flexible
     m, none, free = radau(STAGES), np.zeros(0, dtype=np.intp), system.free
-    scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
     stages = StageKernel(
-        Compiled(system).evaluator, scheme, Rows(False, free, none, none, none, *sorts_of(system))
+        Compiled(system), m.arrays, Rows(False, free, none, none, none, *sorts_of(system))
     )
-    x, n, rows = stages._keep[1].arrays, len(free), system.closed.n
+    x, n, rows = stages.arrays, len(free), system.closed.n
     rng = np.random.default_rng(1)
     for again in (kind, "full", kind):  # what is known of one pattern serves no other
         square, across = linked(again, n, rows)
@@ -67,7 +66,7 @@ def test_all_stages_are_solved_as_by_the_whole_matrix(kind: str) -> None:
                 x[name][3] = x[name][:, 3] = 0.0
         r, gap = rng.normal(size=(STAGES, n)), rng.normal(size=(STAGES, rows))
         x["r"][:, free], x["open"][...] = r, gap
-        stages._structure.h = H
+        stages.at.h = H
         assert stages.functions.pinflex_factor(stages.tables, stages.address)
         stages.functions.pinflex_solve(stages.tables, stages.address)
         dz, dlam = x["change"][:, free], x["dlam"]
@@ -109,11 +108,10 @@ def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
     robot = branched(9)
     system, m, none = robot.flexible, radau(stages), np.zeros(0, dtype=np.intp)
     free = np.setdiff1d(system.free, system.motors)
-    scheme = Scheme(m.c, m.A, m.A2, m.A2_inverse, m.values, m.forward, m.back)
     steps = StageKernel(
-        Compiled(system).evaluator, scheme, Rows(False, free, none, none, none, *sorts_of(system))
+        Compiled(system), m.arrays, Rows(False, free, none, none, none, *sorts_of(system))
     )
-    nv, x, of = system.nv, steps._keep[1].arrays, steps.functions
+    nv, x, of = system.nv, steps.arrays, steps.functions
     assert steps.counts["joined"] > 0
     rng = np.random.default_rng(2)
     y = robot.undeformed() + 1e-3 * rng.normal(size=system.nq)
@@ -127,7 +125,7 @@ def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
         of.pinflex_joined(steps.tables, steps.work, at[3])
     assert np.array_equal(found[0, 3 * nv * nv :], found[1, 3 * nv * nv :])
     assert np.isnan(found[1]).sum() > nv * nv  # what is outside the blocks was not written
-    steps._structure.h = H
+    steps.at.h = H
     r = rng.normal(size=(stages, len(free)))
     x["r"][:, free] = r
     assert of.pinflex_factor_tangent(steps.tables, steps.address, found[1].ctypes.data)
@@ -155,7 +153,7 @@ def test_a_long_tree_runs_as_by_full_matrices(monkeypatch: pytest.MonkeyPatch) -
 def test_mass_and_closures_alone_are_those_of_the_whole_tangent(model: str) -> None:
     """Starts and holds ask for no more."""
     robot = pf.load(model)
-    of, system = Compiled(robot.flexible).evaluator, robot.flexible
+    of, system = Compiled(robot.flexible), robot.flexible
     nv, rows = system.nv, system.closed.n
     rng = np.random.default_rng(3)
     v, a = rng.normal(size=(2, nv))

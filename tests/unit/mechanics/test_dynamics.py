@@ -142,7 +142,7 @@ def test_newtons_matrix_is_the_weighted_sum_of_the_tangents(case: tuple[System, 
     expected = sum(
         w * part for w, part in zip(weights, d.tangent(y, v, a, lam, 0.0)[:3], strict=True)
     )
-    found = d.iteration_matrix(y, v, a, lam, 0.0, weights, rates=True).S
+    found = d.iteration_matrix(y, v, a, lam, 0.0, weights, rates=True)[0]
     close(found, np.asarray(expected), ROUNDING)
 
 
