@@ -59,6 +59,9 @@ _DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs
 # Of what is allowed: where corrections change no more of an output, prices go without them, which
 # saves half of the marches and all residuals. That much of the largest price they miss at most.
 _LINEAR = 0.1
+# Times as long as a coupled run quasistatic may take: it has no vibration to resolve or to doubt, and
+# no proposal may hang on what a clock says of runs that cost much the same.
+_DEARER = 2.0
 _LOOKS = 5  # stages that are told
 _UNTRIED = "more segments were not tried, and are not in the bars"
 
@@ -392,7 +395,7 @@ class _Study:
         self.linear = not self.by_runs and self.plain.used(first) <= _LINEAR
         levels = {"rigid": bars(differ(probe.rigid(), best))}
         levels["quasistatic"], seconds["quasistatic"] = dict.fromkeys(left, np.inf), np.inf
-        began = time.perf_counter()
+        began = time.thread_time()
         try:
             still = solve_equilibria(
                 self.rich, self.motion, probe.t, self.tol * _STILL, self.plain.asked
@@ -400,7 +403,7 @@ class _Study:
         except ConvergenceError as failed:
             self.notes.append(f"quasistatic was not measured: there is no equilibrium ({failed})")
         else:
-            seconds["quasistatic"] = time.perf_counter() - began
+            seconds["quasistatic"] = time.thread_time() - began
             own = self.tol * _STILL
             levels["quasistatic"] = {k: e + own for k, e in bars(differ(still, best)).items()}
         levels["ked"] = bars(first)
@@ -457,14 +460,14 @@ class _Study:
         Where they differ by more than `left`, that is the difference; much more is a doubt.
         """
         probe, upto = self.probe, slice(0, (self.probe.steps - 1) // _WINDOW + 1)
-        began = time.perf_counter()
+        began = time.thread_time()
         try:
             scene = self._scene(self.rich, "coupled")
             run = scene.resolved(probe.t[upto], _WITHIN * self.tol)
         except SceneError as failed:
             self.notes.append(f"a coupled run of the first part stopped: {failed}")
             return np.inf
-        seconds = time.perf_counter() - began
+        seconds = time.thread_time() - began
         y, v, torque = best.y.copy(), best.v.copy(), best.torque.copy()
         y[upto], v[upto], torque[upto] = run.y, run.v, run.torque
         found = self.outputs.differences(replace(best, y=y, v=v, torque=torque), best)
@@ -488,7 +491,7 @@ class _Study:
             return "rigid", why
         if still:
             now, then = seconds["quasistatic"], seconds["coupled"]
-            if now <= then:
+            if now <= _DEARER * then:
                 return "quasistatic", why
             return "coupled", (
                 f"{why}; quasistatic would do, but takes longer (about {now:.2g} s, "

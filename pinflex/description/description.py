@@ -182,19 +182,20 @@ def find_file(source: str | Path) -> Path:
                 "another URDF in it (models/README.md). Give that file."
             )
         return path
+    named = (folder / shown / f"{shown}.yaml" for folder in _MODEL_FOLDERS if shown == path.name)
+    shipped = next((file for file in named if file.is_file()), None)
     if path.is_dir():
         inside = path / f"{path.resolve().name}.yaml"
         if inside.is_file():
             return inside
         others = [p.name for p in sorted(path.glob("*.yaml"))]
-        raise ModelNotFoundError(
-            f"{shown}: the folder holds no {inside.name}.{nearest(inside.name, others)} "
-            "Give the file itself."
-        )
-    for folder in _MODEL_FOLDERS:
-        shipped = folder / shown / f"{shown}.yaml"
-        if shown == path.name and shipped.is_file():
-            return shipped
+        if others or shipped is None:  # a folder of meshes, say, hides no model of its name
+            raise ModelNotFoundError(
+                f"{shown}: the folder holds no {inside.name}.{nearest(inside.name, others)} "
+                "Give the file itself."
+            )
+    if shipped is not None:
+        return shipped
     beside = [
         p.name
         for p in (sorted(path.parent.glob("*.y*ml")) if path.parent.is_dir() else ())

@@ -170,6 +170,12 @@ def test_a_shipped_model_is_found_by_its_name(
     assert read("bar4").name == "bar4"
     with pytest.raises(ModelNotFoundError, match='bar5: no such file.* Did you mean "bar4"'):
         read("bar5")
+    (tmp_path / "here" / "bar4").mkdir(parents=True)  # of meshes, say
+    monkeypatch.chdir(tmp_path / "here")
+    assert read("bar4").name == "bar4"
+    write(tmp_path / "here" / "bar4")
+    with pytest.raises(ModelNotFoundError, match="the folder holds no bar4.yaml"):
+        read("bar4")
 
 
 def test_a_robot_of_example_robot_data_is_found_without_its_meshes(tmp_path: Path) -> None:
