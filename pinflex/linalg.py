@@ -77,13 +77,25 @@ def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
     return S
 
 
+_REGULAR = 1e-15  # least reciprocal condition of a scaled matrix: what is below is round-off
+
+
 def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """x and lam of A x - J_left' lam = b, J x = c; least squares where coordinates are massless."""
+    """x and lam of A x - J_left' lam = b, J x = c; least squares where directions are massless.
+
+    Those of several coordinates, such as two lengths of a link that turn against each other with
+    all its inertia beyond them, leave round-off of A, which no solution is to be divided by.
+    """
     S, right, n = saddle_matrix(A, J, J_left), np.concatenate([b, c]), len(A)
-    try:
+    size = np.sqrt(np.abs(np.diag(S)))
+    size[size == 0.0] = 1.0
+    scaled = S / size / size[:, None]
+    lu, _, info = lapack().dgetrf(scaled)
+    share = 0.0 if info else lapack().dgecon(lu, np.abs(scaled).sum(axis=0).max())[0]
+    if share > _REGULAR or not np.isfinite(scaled).all():
         x = np.linalg.solve(S, right)
-    except np.linalg.LinAlgError:
-        x = np.linalg.lstsq(S, right, rcond=1e-13)[0]
+    else:
+        x = np.linalg.lstsq(scaled, right / size, rcond=1e-13)[0] / size
     return x[:n], x[n:]
 
 

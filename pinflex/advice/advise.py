@@ -59,8 +59,8 @@ _DOUBT = 0.25  # of the tolerance: where the estimate is off by more, whole runs
 # Of what is allowed: where corrections change no more of an output, prices go without them, which
 # saves half of the marches and all residuals. That much of the largest price they miss at most.
 _LINEAR = 0.1
-# Times as long as a coupled run quasistatic may take: it has no vibration to resolve or to doubt, and
-# no proposal may hang on what a clock says of runs that cost much the same.
+# Times as long as a coupled run quasistatic may take: it has no vibration to resolve or to doubt,
+# and no proposal may hang on what a clock says of runs that cost much the same.
 _DEARER = 2.0
 _LOOKS = 5  # stages that are told
 _UNTRIED = "more segments were not tried, and are not in the bars"

@@ -344,9 +344,8 @@ class Evaluator:
 
     def energies(self, Y: Array, V: Array, t: Times) -> Energies:
         """Energies of several states, J."""
-        scale = self.scale(t) * [load.potential for load in self._loads]
         found = np.empty((4, len(Y)))
-        self._call("energies", len(Y), *self._given(y=Y, v=V, scale=scale), found)
+        self._call("energies", len(Y), *self._given(y=Y, v=V, scale=self.scale(t)), found)
         return Energies(*found)
 
     def joint_forces(

@@ -26,6 +26,7 @@ from pinflex.integrators.textbook import (
     stable_step,
     wilson_theta,
 )
+from pinflex.linalg import saddle
 from tests.finite import slope
 
 METHODS: dict[str, Method] = {
@@ -194,3 +195,21 @@ usual = pf.solve(robot, level="ked", samples=11, until=0.01, integrator="wilson_
 assert abs(run.torque - usual.torque).max() > 0.0
 """
     subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_a_start_is_not_divided_by_round_off_of_a_mass() -> None:
+    """Two twists in series with all inertia beyond both: only their sum has a mass.
+
+    M has 1e-16 of it in their difference, by which a load of round-off would be divided to 1.
+    """
+    M = 0.08 * np.array([[1.0, 1.0 - 1e-16], [1.0 - 1e-16, 1.0 + 2.2e-16]])
+    load = 0.08 * np.array([1.0, 1.0 + 4e-16])
+    a, _ = saddle(M, np.zeros((0, 2)), np.zeros((0, 2)), load, np.zeros(0))
+    np.testing.assert_allclose(a, [0.5, 0.5], atol=1e-12)  # round-off of sums of products
+
+
+def test_saddles_with_mass_are_solved_and_with_rows_on_no_mass_too() -> None:
+    """A mass of 2 kg held to another without any: a = 3 / 2, and the rest follows the closure."""
+    J = np.array([[1.0, -1.0]])
+    a, lam = saddle(np.diag([2.0, 0.0]), J, J, np.array([3.0, 0.0]), np.zeros(1))
+    np.testing.assert_allclose([*a, *lam], [1.5, 1.5, 0.0], atol=1e-14)
