@@ -98,7 +98,7 @@ def with_checkpoints(
     def step(done: int, steps: int) -> None:
         nonlocal rung
         tell(done, steps)
-        if time.monotonic() > due:
+        if done < steps and time.monotonic() > due:
             rung = True
             raise KeyboardInterrupt
 

@@ -162,7 +162,7 @@ def _modes_text(modes: pf.Modes) -> str:
 
 
 def _who(mode: Mapping[str, Any]) -> str:
-    """Links by their share of the elastic energy, largest first; or a name for no frequency."""
+    """What has a share of the energy, largest first; or a name for no frequency."""
     share, f = mode["share"], mode["frequency"]
     if f == 0:
         return "free motion, no stiffness"

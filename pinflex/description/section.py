@@ -346,6 +346,8 @@ def from_spec(spec: object, where: str = "section") -> Section:
     given = ("Wt", "fibres") if shape.name == "given" else ()
     chosen = {key: value.get(key) for key in (*shape.keys, *given)}
     section = shape.build(**chosen, where=where)
+    for key in ("A", "Iy", "Iz", "J", "ky", "kz"):  # a shape may be anybody's
+        schema.number(getattr(section, key), schema.at(where, key), above=0)
     changes: dict[str, Any] = {key: value[key] for key in ("ky", "kz", "my", "mz") if key in value}
     if "J" in value and "J" not in shape.keys:
         # The stress at a given twist is kept, so a corrected J changes Wt in proportion.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import PinflexError
-from pinflex.kernel.library import Record, constant, kernel, names, shapes
+from pinflex.kernel.library import Record, aligned, constant, kernel, names, shapes
 
 # Flat tables of one system, as the C code reads them: sizes and types checked here, once.
 #
@@ -167,7 +167,6 @@ class Tables(Record):
 
 _KEPT = 4  # of one kind: runs at the same time are few
 _LARGEST = 1.6e7  # bytes: beside a run that fills a larger one, to make it costs nothing
-_EVERY = 8  # numbers: workspaces start at a multiple of 64 bytes
 
 
 class Spares:
@@ -275,8 +274,7 @@ class Evaluator:
         self._widths = {
             "y": n["nq"], "v": n["nv"], "a": n["nv"], "lam": n["closures"], "scale": n["forces"]
         }  # fmt: skip
-        raw = np.zeros(self.functions.pinflex_work_size(tables.address) // 8 + 2 * _EVERY)
-        self._work = raw[-raw.ctypes.data // 8 % _EVERY :]
+        self._work = aligned(self.functions.pinflex_work_size(tables.address) // 8 + 1)
         self.work: int = self._work.ctypes.data
 
     def scale(self, t: Times) -> Array:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinflex.arrays import Array
 from pinflex.errors import KernelWarning, PinflexError
 from pinflex.kernel import build
 from pinflex.kernel.build import SOURCE
@@ -81,6 +82,12 @@ def shapes(of: str) -> dict[str, tuple[npt.DTypeLike, tuple[str, ...]]]:
 _EVERY = 8  # numbers: each array starts at a multiple of 64 bytes
 
 
+def aligned(numbers: int) -> Array:
+    """Zeros that start at a multiple of 64 bytes."""
+    raw = np.zeros(numbers + _EVERY)
+    return raw[-raw.ctypes.data // 8 % _EVERY :][:numbers]
+
+
 class Record:
     """A structure of the kernel with its arrays, given or zero, as the sources declare them.
 
@@ -106,8 +113,7 @@ class Record:
                     raise PinflexError(f"kernel: {name}: {array.size} entries, not {wanted}.")
             places[name] = end, dtype, array, wanted
             end += -(-math.prod(wanted) // _EVERY) * _EVERY
-        whole = np.zeros(end + _EVERY)
-        self.raw = whole = whole[-whole.ctypes.data // 8 % _EVERY :][:end]
+        self.raw = whole = aligned(end)
         first = whole.ctypes.data
         self.arrays: dict[str, npt.NDArray[Any]] = {}
         for name, (at, dtype, array, wanted) in places.items():

@@ -107,6 +107,8 @@ class LawKernel(Record):
         """`tables`: S, B, home, target, x_of_x, x_of_e, C, D and E by name."""
         sizes = {"measures": len(tables["S"]), "states": len(tables["x_of_x"]), "nq": nq, "nv": nv}
         super().__init__("Law", sizes | {"drives": tables["B"].shape[1]}, tables)
+        if any(x.shape != self.arrays[name].shape for name, x in tables.items()):
+            raise PinflexError("kernel: a law whose tables do not fit each other.")
         self.x, self.e = self.arrays["x_before"], self.arrays["e_before"]
         self.target = tables["target"]
 
@@ -277,8 +279,7 @@ class MarchKernel:
         size, measured, columns = n["free"] + rows, given["measured_at"], columns_of(n)
         if n["s"] > MOST_STAGES:
             raise PinflexError(f"kernel: {n['s']} stages, at most {MOST_STAGES}.")
-        if np.any(measured < 0) or np.any(measured >= nv):
-            raise PinflexError("kernel: measured: a row that is none.")
+        _require_rows(measured, nv)
         sizes = n | {
             "capacity": capacity, "steps": capacity + 1, "tangents": tangents,
             "kept": tangents + 1, "wide": nv * (3 * nv + rows) + n["joined"],  # one more for starts
@@ -295,7 +296,9 @@ class MarchKernel:
         self.at, self.steps, arrays = self._run.at, self._steps.arrays, self._run.arrays
         self.input, self.piece, self.hit = (arrays[name] for name in ("input", "piece", "hit"))
         self.y, self.v, self.a, self.lam, self.torque = (arrays[name] for name in _STATE)
-        self._stages, self._functions = stages, stages.functions
+        self._functions, self._counts, self._tables = stages.functions, n, stages.tables
+        self._keep = stages.at, stages.raw, stages.evaluator  # C reads there, without the stages:
+        # these hold this march, and a circle would wait for the garbage collection with both.
         self._call = (stages.tables, stages.work, self._run.address)
         self._widths = (n["nq"], nv, nv, rows, n["motors"], 2)
         self._new = bytes(self.at)
@@ -303,11 +306,12 @@ class MarchKernel:
     def begin_anew(self, given: Given, table: Table) -> None:
         """Take over another run of the same sizes, as if these arrays were new."""
         if table is not self._table:
-            self._inputs, self._table = _inputs(table, self._stages.counts), table
+            self._inputs, self._table = _inputs(table, self._counts), table
         ctypes.memmove(ctypes.byref(self.at), self._new, len(self._new))
         self.at.inputs = self._inputs.address
+        _require_rows(given["measured_at"], self._counts["nv"])
         for name, array in given.items():
-            self._run.arrays[name][...] = array
+            self._run.arrays[name][...] = array.reshape(self._run.arrays[name].shape)
 
     def advance(self) -> int:
         """Steps until the batch is full, or something else has to answer."""
@@ -352,9 +356,14 @@ class MarchKernel:
             if x.shape != (len(t), width) or x.dtype != float or not x.flags.c_contiguous:
                 raise PinflexError(f"kernel: room of {x.shape} for {(len(t), width)} numbers.")
         self._functions.pinflex_samples(
-            self._stages.tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
+            self._tables, self._call[2], len(t), t.ctypes.data, of.ctypes.data,
             None if given is None else given.ctypes.data, *(x.ctypes.data for x in room),
         )  # fmt: skip
+
+
+def _require_rows(measured: IntArray, nv: int) -> None:
+    if np.any(measured < 0) or np.any(measured >= nv):
+        raise PinflexError("kernel: measured: a row that is none.")
 
 
 def columns_of(counts: Mapping[str, int]) -> int:

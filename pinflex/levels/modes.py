@@ -220,7 +220,7 @@ class Modes:
         return f"modes, {state}, motors {motors}"
 
     def _most(self, k: int) -> str:
-        """What holds most of the elastic energy of a mode, largest first."""
+        """What holds most of the energy of a mode, largest first."""
         if not self.share.size:
             return ""
         largest = [i for i in np.argsort(-self.share[k])[:3] if self.share[k, i] >= _SHOWN]

@@ -247,7 +247,8 @@ class Stored(property):
         assert row is not None
         unit = f" [{row.unit}]" if row.unit else ""
         doc = f"{row.meaning[0].upper()}{row.meaning[1:]}{unit}, shape {row.shape}."
-        super().__init__(lambda view: view.result.array(key.replace("NAME", view.name)), doc=doc)
+        super().__init__(lambda view: view.result.array(key.replace("NAME", view.name)))
+        self.__doc__ = doc  # Python 3.11 gives a subclass of property its own
 
     if TYPE_CHECKING:
 

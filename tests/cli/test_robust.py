@@ -71,6 +71,14 @@ def test_checkpoints_give_the_run_that_goes_through(tmp_path: Path, capsys) -> N
     np.testing.assert_allclose(a.arrays["eta"], b.arrays["eta"], rtol=0, atol=1e-6 * largest)
 
 
+def test_a_checkpoint_due_at_the_end_is_none(tmp_path: Path, capsys) -> None:
+    """64 steps end where progress is told: there the run is done, and not to be resumed."""
+    model, run = write_model(tmp_path, "arm"), tmp_path / "run.npz"
+    words = ["--level", "coupled", "--dt", "1e-4", "--until", "0.0064", "--checkpoint", "1e-9"]
+    assert call(capsys, "solve", model, *words, "-o", run).code == 0
+    assert pf.Result.load(run).t[-1] == pytest.approx(0.0064)
+
+
 def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, capsys) -> None:
     model = write_model(tmp_path, "arm")
     pipe, link, real = tmp_path / "pipe", tmp_path / "link.npz", tmp_path / "real.npz"

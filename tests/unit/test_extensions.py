@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,14 @@ def test_a_section_shape(tmp_path: Path) -> None:
         pf.load(arm(tmp_path, "{shape: ellipse, height: 0.01}"))
     with pytest.raises(DescriptionError, match="shape ellipse: there is one of that name"):
         section.register_shape(ELLIPSE)
+    for key, wrong in (("J", 0.0), ("Iz", float("nan")), ("A", -1.0)):
+
+        def build(where: str, key: str = key, wrong: float = wrong, **of: float) -> section.Section:
+            return replace(ELLIPSE.build(where=where, **of), **{key: wrong})
+
+        section.register_shape(replace(ELLIPSE, name=f"wrong_{key}", build=build))
+        with pytest.raises(DescriptionError, match=rf"section.{key}: {wrong:g}.* is out of range"):
+            pf.load(arm(tmp_path, f"{{shape: wrong_{key}, height: 0.01, width: 0.02}}"))
 
 
 # ---- a closure kind of known rows

@@ -11,11 +11,11 @@ typedef struct {
   Int end, spans, at[2 * SPANS];
 } Group;
 
-/* groups: how many, one number; DENSE: all are one; UNKNOWN: too, as `dense` has it. order: which unknown stands where, free rows
-   before closures; place: the other way. top: of each column, the first row of U, or
-   that of the column beside it, which is taken off with it. links: by unknown,
-   a bit for each that an entry links it with. All behind the pivots of the stages, in
-   (17 + 2 ((n + 63) / 64)) n + 1 numbers for n unknowns. */
+/* groups: how many there are. DENSE: all unknowns are one group; UNKNOWN: so they are after `dense`,
+   until `find_sparsity` looks again. order: which unknown stands where, free rows before closures;
+   place: the other way. top: of each column, the first row of U, or that of the column beside it,
+   which is taken off with it. links: by unknown, a bit for each that an entry links it with. All
+   behind the pivots of the stages, in (17 + 2 ((n + 63) / 64)) n + 1 numbers for n unknowns. */
 typedef struct {
   Int *groups, *order, *top, *place;
   uint64_t *links;

@@ -43,7 +43,7 @@ _REST = "0.8"
 
 
 def plot_frequencies(found: Modes, ax: Axes | None = None) -> Any:
-    """Axes with a bar for each frequency, split by the shares of the elastic energy."""
+    """Axes with a bar for each frequency, split by the shares of the energy."""
     height = 1.1 + 0.24 * len(found.frequencies)
     return Drawing(None, {"frequencies": partial(_bars, found=found)}, height).axes(None, ax)
 

@@ -16,6 +16,7 @@ Claims:
 from __future__ import annotations
 
 import dataclasses
+import gc
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -34,9 +35,10 @@ from pinflex.integrators import march
 from pinflex.integrators.collocation import radau
 from pinflex.integrators.compiled import STATE, Batch, read, sorts_of, tabulated
 from pinflex.integrators.march import March, Radau, Record
+from pinflex.kernel import evaluate
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.kernel.march import Rows, StageKernel
+from pinflex.kernel.march import MarchKernel, Rows, StageKernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -265,3 +267,22 @@ def test_and_so_it_is_where_coordinates_have_no_mass(loop: str, tmp_path: Path) 
         "motion: {kind: quintic, joints: {arm_joint: 0.5}, duration: 1}\n",
     )  # fmt: skip
     same_start(scene(m, ()))
+
+
+def test_arrays_of_a_large_run_go_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No circle keeps them until a garbage collection: three runs of 100 MB would be 300."""
+    monkeypatch.setattr(evaluate, "_LARGEST", 0.0)  # as beside a large run: none is kept to spare
+
+    def alive() -> int:
+        return sum(isinstance(x, (StageKernel, MarchKernel)) for x in gc.get_objects())
+
+    robot = pf.load("3rrr")
+    gc.collect()
+    gc.disable()
+    try:
+        before = alive()
+        run = pf.solve(robot, level="coupled", tol=1e-2, samples=11)
+        del run
+        assert alive() == before
+    finally:
+        gc.enable()

@@ -95,6 +95,9 @@ def test_views_show_keys_of_the_table() -> None:
         assert len(view.arrays) > 0
         for attribute, key in view.arrays.items():
             assert hasattr(view, attribute) and unit_of(key) is not None, key
+    assert FrameView.position.__doc__ == (
+        "Origin of an output frame, in the world [m], shape (nt, 3)."
+    )
 
 
 def test_units_of_a_joint_that_slides() -> None:
