@@ -8,7 +8,6 @@ cheapest setting of each is then timed in fresh processes, the two sides in turn
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -23,7 +22,6 @@ import numpy as np
 
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError, SceneError
-from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import between, relative
 from pinflex.mechanics.mechanism import load
 from pinflex.solver.scene import Scene
@@ -35,7 +33,6 @@ PEER = Path(__file__).with_name("peer.py")
 CASE = "tests.benchmarks.race.case"  # the module that makes one run of ours
 USER = "tests.benchmarks.race.user"  # what that run costs with all that is around it
 REPEATS = 3  # fresh processes of each
-PLAIN = " without the kernel"  # the same setting on numpy and Pinocchio
 RESOLUTIONS = tuple(0.1 * 10.0 ** (-k / 4) for k in range(25))  # 0.1 to 1e-7
 STEPS = (400, 800, 1600, 3200, 6400, 12800, 25600)  # of the alpha family; 400 samples each
 Say = Callable[[str], None]
@@ -51,7 +48,6 @@ class Entry:
         errors: By output. wall, cpu: Best seconds of the solver call over the fresh processes.
         every: CPU seconds in each of them.
         first: CPU seconds of pinflex's first call in a process, with the imports it needs.
-        environment: Variables of its process.
         kernel: Share of its CPU time in the compiled kernel.
         around: Of tol and the peer, CPU seconds of the whole process: imports, model, run, torques;
             of tol also those of load, solve and every output in a process that has all imports.
@@ -64,7 +60,6 @@ class Entry:
     wall: float = float("nan")
     first: float = float("nan")
     every: tuple[float, ...] = ()
-    environment: tuple[tuple[str, str], ...] = ()
     kernel: float = float("nan")
     around: dict[str, float] = field(default_factory=dict)
 
@@ -77,8 +72,7 @@ class Outcome:
         race: The scene. limits: Error to reach by output: what is asked, or the floor above it.
         checks: The reference against other models and methods: errors by name and output.
         peer_floor: The refined peer against the reference; empty without a peer.
-        entries: Those that reach the error: tol, radau, alpha, peer; tol and radau once more
-            without the compiled kernel.
+        entries: Those that reach the error: tol, radau, alpha, peer.
         at_tol: Errors of solve(tol=...) with the error asked for, whether it reaches it or not.
     """
 
@@ -165,12 +159,6 @@ def _race(race: Race, out: Path, say: Say, peer: bool) -> Outcome:
         say(f"{race.key}: settings of the peer")
         found["peer"] = _search_peer(race, limits, reference, out)
     entries = {key: entry for key, entry in found.items() if entry is not None}
-    if kernel().functions is not None:
-        entries |= {
-            key + PLAIN: replace(entry, environment=(("PINFLEX_KERNEL", "0"),))
-            for key, entry in entries.items()
-            if key in ("tol", "radau")
-        }
     say(f"{race.key}: timing in fresh processes")
     at_tol = _solve(race, race.models[-1], "tol", min(race.limits.values()))
     return Outcome(
@@ -268,14 +256,11 @@ def _peer(race: Race, settings: Mapping[str, object]) -> tuple[str, ...]:
     return (sys.executable, str(PEER), race.key.lower(), *options)
 
 
-def _process(
-    command: Sequence[str], out: Path, environment: tuple[tuple[str, str], ...] = ()
-) -> tuple[Arrays, dict[str, Any]]:
+def _process(command: Sequence[str], out: Path) -> tuple[Arrays, dict[str, Any]]:
     """What a process wrote and what it cost; its file is the argument after the scene."""
     at = command.index(CASE) + 2 if CASE in command else 3
     whole = [*command[:at], str(out), *command[at:]]
-    env = {**os.environ, **dict(environment)}
-    done = subprocess.run(whole, capture_output=True, text=True, check=False, env=env)
+    done = subprocess.run(whole, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SceneError(f"{' '.join(whole)}: {done.stderr.strip()[-300:]}")
     with np.load(out) as stored:
@@ -299,7 +284,7 @@ def _timed(entries: dict[str, Entry], out: Path) -> dict[str, Entry]:
     around: dict[str, list[dict[str, float]]] = {"tol": []} if "tol" in entries else {}
     for _ in range(REPEATS):
         for key, entry in entries.items():
-            costs[key].append(_process(entry.command, out, entry.environment)[1])
+            costs[key].append(_process(entry.command, out)[1])
             if key in around:
                 around[key].append(_around(entry.command))
     if "peer" in entries:

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 
 from pinflex.kernel.library import kernel
-from tests.benchmarks.race.contest import PLAIN, REPEATS, Outcome
+from tests.benchmarks.race.contest import REPEATS, Outcome
 from tests.benchmarks.race.scenes import Race
 
 _ABOUT = f"""\
@@ -25,8 +25,8 @@ machine says who else was there.
 
 `tol` is `solve(..., tol=)` with the largest tol that meets the error; `radau` and `alpha` are
 tuned by hand, as the peer is, by one rule for all: from coarse to fine, a setting counts if it and
-the next finer one meet the error; `without the kernel` is the same setting with PINFLEX_KERNEL=0.
-`in the kernel` is the least share of CPU time that a process spent in compiled code of pinflex.
+the next finer one meet the error. `in the kernel` is the least share of CPU time that a process
+spent in compiled code of pinflex.
 The peer's refined run against the reference says how far both models are the same physics;
 where that is above the error asked for, 1.2 times it is the limit.
 
@@ -74,13 +74,10 @@ def write_report(outcomes: Sequence[Outcome]) -> str:
 
 
 def _summary(outcomes: Sequence[Outcome]) -> str:
-    columns = ("tuned by hand", "by tol", "tuned, no kernel", "by tol, no kernel")
-    head = f"| scene | {' | '.join(columns)} | tol / tuned | no kernel | aim: tuned, tol |"
-    rows = [head, "|---" * 8 + "|"]
+    rows = ["| scene | tuned by hand | by tol | tol / tuned | aim: tuned, tol |", "|---" * 5 + "|"]
     for o in outcomes:
-        hand, plain = ("radau", "alpha"), ("radau" + PLAIN,)
-        ratios = [o.ratio(ways) for ways in (hand, ("tol",), plain, ("tol" + PLAIN,))]
-        ratios += [o.ratio(hand, "tol"), o.ratio(plain, "tol" + PLAIN)]
+        hand = "radau", "alpha"
+        ratios = [o.ratio(hand), o.ratio(("tol",)), o.ratio(hand, "tol")]
         aim = ", ".join(
             f"{aimed:g} {'reached' if found[0] >= aimed else 'not reached'}"
             for aimed, found in zip(o.race.target, ratios, strict=False)
