@@ -90,10 +90,10 @@ def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array
     size = np.sqrt(np.abs(np.diag(S)))
     size[size == 0.0] = 1.0
     scaled = S / size / size[:, None]
-    lu, _, info = lapack().dgetrf(scaled)
+    lu, pivots, info = lapack().dgetrf(scaled)
     share = 0.0 if info else lapack().dgecon(lu, np.abs(scaled).sum(axis=0).max())[0]
     if share > _REGULAR or not np.isfinite(scaled).all():
-        x = np.linalg.solve(S, right)
+        x = lapack().dgetrs(lu, pivots, right / size)[0] / size
     else:
         x = np.linalg.lstsq(scaled, right / size, rcond=1e-13)[0] / size
     return x[:n], x[n:]

@@ -140,7 +140,7 @@ def hangs(mechanism: Mechanism) -> bool:
     J = dynamics.close(y).J
     r = dynamics.residual(y, still, still, np.zeros(len(J)), 0.0).r
     K = dynamics.tangent(y, still, still, np.linalg.pinv(J[:, free].T) @ r[free], 0.0).K
-    Z = null_space(J[:, free]) if len(J) else np.eye(len(free))
+    Z = null_space(J[:, free])
     K, r = Z.T @ K[np.ix_(free, free)] @ Z, Z.T @ r[free]
     stiff = np.linalg.eigvalsh(0.5 * (K + K.T))
     if stiff[0] <= _NO_STIFFNESS * stiff[-1]:
