@@ -26,7 +26,7 @@ from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
 from pinflex.mechanics.evaluation.equations import Followed
 from pinflex.mechanics.model.loads import Loads
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -50,14 +50,12 @@ _FINE_GRID = (
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
 
 
-@dataclass(frozen=True)
+@frozen
 class Nominal:
     """Rigid motion at given times: t (nt,), q (nt, nq), v and a (nt, nv).
 
     `said` tells where it is none: a sentence, or "".
     """
-
-    __repr__ = brief
 
     t: Array
     q: Array
@@ -416,7 +414,7 @@ def _bernstein(coefficients: Array, left: IntArray, x: Array) -> Array:
 _BEFORE_END = 1e-4
 
 
-@dataclass(frozen=True)
+@frozen
 class TorqueDrive:
     """tau = feed_forward + kp (position error) + kd (velocity error), per motor.
 
@@ -425,8 +423,6 @@ class TorqueDrive:
         feed_forward: N m | N at the steps of a run, shape (nt, nm).
         forward: The same as a function of times, (k,) to (k, nm).
     """
-
-    __repr__ = brief
 
     kp: Array
     kd: Array

@@ -19,7 +19,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.actuation.drive import Nominal, TorqueDrive
@@ -318,7 +318,7 @@ class Settings(TypedDict, total=False):
     interpolated: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Run:
     """States of one system over time.
 
@@ -340,8 +340,6 @@ class Run:
         several: Finds statistics of more runs, by motor, where a single one means little; or None.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
-
-    __repr__ = brief
 
     system: System
     t: Array

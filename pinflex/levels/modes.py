@@ -8,7 +8,7 @@ follow make K unsymmetric (`levels.quasistatic`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import card, grid
 from pinflex.results.result import Result
-from pinflex.text import brief, table
+from pinflex.text import frozen, table
 from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ WEIGHT = "weight"  # among the links of a mode: gravity and other loads
 _SHOWN = 0.005  # of a mode's energy: half a per cent, what is not shown as 0 %
 
 
-@dataclass(frozen=True)
+@frozen
 class Modes:
     """Modes at a pose.
 
@@ -174,8 +174,6 @@ class Modes:
         about: The motion that was linearised about, "" where there is none.
         mechanism: Whose modes they are, for `plot`.
     """
-
-    __repr__ = brief
 
     frequencies: Array
     shapes: Array

@@ -51,7 +51,7 @@ from pinflex.mechanics.model.tree import (
 from pinflex.mechanics.systems import Assembled, flexible_system, rigid_system, weighed_system
 from pinflex.names import Names, Records
 from pinflex.report import card, pairs
-from pinflex.text import brief, short
+from pinflex.text import frozen, short
 
 # What the model weighs, held against what the scene says: mass, first moment, inertia at home.
 #
@@ -432,7 +432,7 @@ def takes_model(
     return called
 
 
-@dataclass(frozen=True)
+@frozen
 class _Systems:
     """Parts of a model and the systems made of them."""
 
@@ -440,8 +440,6 @@ class _Systems:
     rigid: Assembled
     flexible: System
     report: LoopReport
-
-    __repr__ = brief
 
 
 class _Loading:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -38,7 +38,7 @@ from pinflex.mechanics.model.slider import sleeve
 from pinflex.mechanics.model.system import Idle, System
 from pinflex.mechanics.model.tree import Link, joint_springs
 from pinflex.mechanics.reference.evaluator import Placing
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # What the rigid mechanism holds beside its motors: elastic joints, idle freedoms, a free base.
 
@@ -139,7 +139,7 @@ def _follow(q: Array, description: Description, model: pin.Model) -> None:
             q[place[one.joint]] = led + one.offset
 
 
-@dataclass(frozen=True)
+@frozen
 class Assembled:
     """The rigid system, closed at home.
 
@@ -152,8 +152,6 @@ class Assembled:
         ground: Places in the world of loops that are held there, by loop.
         misfit: What makes loops fit that are open at home.
     """
-
-    __repr__ = brief
 
     system: System
     home: Array

@@ -14,7 +14,7 @@ at times t (n,) [s], or one for all; one state y (nq,) is a batch of one, and an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from pinflex.kernel.evaluate import Closure, Energies, JointForces, Residual, Ta
 from pinflex.mechanics.evaluation.compiled import Compiled, serves
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference.evaluator import Configuration, Kinematics, Reference
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -44,7 +44,7 @@ _APART = (
 )
 
 
-@dataclass(eq=False)
+@frozen(eq=False)
 class Followed:
     """What was found of the motions of a rigid mechanism, the newest first.
 
@@ -57,8 +57,6 @@ class Followed:
         starts: Of the flexible mechanism: (motion, how it is asked for, start); never shared.
         jumps: What is said of its jumps of speed: (motion, end, sentences).
     """
-
-    __repr__ = brief
 
     motions: list[Any] = field(default_factory=list)
     nominals: list[Any] = field(default_factory=list)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ from pinflex.studies.checking.parts import (
     statics,
     summary,
 )
-from pinflex.text import angle, brief, length, number, percent, plural
+from pinflex.text import angle, frozen, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
@@ -45,7 +45,7 @@ _UNDAMPED = 1e-9  # a damping ratio below is round-off
 _SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
-@dataclass(frozen=True)
+@frozen
 class Check(Reported):
     """The report of `pinflex check`.
 
@@ -69,8 +69,6 @@ class Check(Reported):
         by_joint: Links of the frames that the YAML names by their joint.
         payload: What is carried, and where.
     """
-
-    __repr__ = brief
 
     name: str
     urdf: str
