@@ -17,22 +17,20 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
-from pinflex.integrators.compiled import read, tabulated
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import default_step, modes, rings_below
-from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.rigid import rigid_torques
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
 from pinflex.mechanics.evaluation.equations import Equations, Followed
-from pinflex.mechanics.kinks import made
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
@@ -40,40 +38,6 @@ from pinflex.solver.resume import state
 # What a digital controller takes from the motion: references of motors and rigid torques.
 
 _SAME_INSTANT = 1e-9  # of a period: times so near are one
-_INSTANTS = 401  # between which torques of a rigid motion that is not smooth are interpolated
-
-
-def rigid_torques(
-    mechanism: Mechanism, motion: Motion, start: float, end: float
-) -> Callable[[Array], Array]:
-    """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
-
-    Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
-    interpolant. Zero where its motors do not determine its motion. Without rigid stops: what feeds
-    torques forward knows nothing of these.
-    """
-    system = mechanism.rigid
-    if system.kinks.rigid:
-        open_ended = made([row for row in system.kinks.rows if row.restitution < 0.0])
-        mechanism = replace(mechanism, rigid=replace(system, kinks=open_ended))
-
-    def exact(t: Array) -> Array:
-        times, at = np.unique(t, return_inverse=True)
-        return solve_rigid(mechanism, motion, times).torque[at]
-
-    motors = len(mechanism.rigid.motors)
-    try:
-        corners = breaks(motion, mechanism.rigid.loads)
-        table = tabulated(exact, [slice(0, motors)], start, end, corners)
-    except MotionError:
-        return lambda t: np.zeros((len(t), motors))
-    if table is not None:
-        return partial(read, table)
-    from scipy.interpolate import PchipInterpolator
-
-    # On a grid of its own: how often a run is sampled must not change what drives it.
-    t = np.linspace(start, end, _INSTANTS)
-    return PchipInterpolator(t, exact(t))  # type: ignore[no-any-return]
 
 
 def following(
