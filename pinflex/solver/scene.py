@@ -338,10 +338,11 @@ class Scene:
         """The run at samples t as a keeper of its steps has it, on the kernel."""
 
         def march(problem: Problem) -> Run:
-            steps, jumps = self._radau(problem, resolution), breaks(self.motion, self._loads)
+            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], finer)
+            stops = {RESTARTS: breaks(self.motion, self._loads), HOLDS: instants}
             return collocation.integrate(
-                self.mechanism.name, steps, self._begun, t, jumps, keeper(steps), first, scale,
-                pilot, progress, _instants(problem, float(t[-1]), finer), judge is not None,
+                self.mechanism.name, steps, self._begun, t, stops, keeper(steps), first, scale,
+                pilot, progress, judge is not None,
             )  # fmt: skip
 
         return self._marched(t, march, judge)
