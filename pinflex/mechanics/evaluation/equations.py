@@ -157,7 +157,6 @@ class Equations:
         system: What is evaluated. model: Its expanded model.
         n_rigid, nq_rigid: Rigid velocities and coordinates. flexible: Whether any link bends.
         vector_space: Whether y moves by plain addition. looped: Whether there are closures.
-        damped, rubbed, loaded: Whether there are dampers, dry friction, loads.
         strain: Elastic potential of the links.
     """
 
@@ -168,9 +167,7 @@ class Equations:
         self.n_rigid, self.nq_rigid = int(system.rigid.nv), int(system.rigid.nq)
         self.flexible = system.n_eta > 0
         self.vector_space = self.nq_rigid == self.n_rigid
-        self.looped, self.loaded = system.closed.n > 0, system.loads.present
-        self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
-        self.strain = Strain(system)
+        self.looped, self.strain = system.closed.n > 0, Strain(system)
 
     @cached_property
     def reference(self) -> Reference:
@@ -199,7 +196,7 @@ class Equations:
 
     def _closures(self, y: Array) -> Compiled | None:
         """The compiled closures; of one pose of a rigid system the tables would cost more."""
-        return self._kernel if y.ndim > 1 or self.on_kernel else None
+        return self._kernel if self.looped and (y.ndim > 1 or self.on_kernel) else None
 
     # Poses -----------------------------------------------------------------------------------
 
@@ -245,9 +242,7 @@ class Equations:
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
         Y = np.atleast_2d(y)
-        if not self.looped:
-            c, J = np.zeros((len(Y), 0)), np.zeros((len(Y), 0, self.system.nv))
-        elif (kernel := self._closures(y)) is not None:
+        if (kernel := self._closures(y)) is not None:
             c, J = kernel.closures(Y)
         else:
             c, J = _in_turn(self.reference.close, Y)
@@ -256,9 +251,7 @@ class Equations:
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
-        if not self.looped:
-            gamma = np.zeros((len(Y), 0))
-        elif (kernel := self._closures(y)) is not None:
+        if (kernel := self._closures(y)) is not None:
             gamma = kernel.closure_motion(Y, V, np.zeros_like(V))[2]
         else:
             (gamma,) = _in_turn(lambda *at: (self.reference.closure_bias(*at),), Y, V)
