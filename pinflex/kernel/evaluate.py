@@ -473,7 +473,7 @@ class LinearKernel:
         self.rows, self.n = constant["J"].shape
         size = self.n + self.rows
         # Column by column, as the C code goes through them.
-        given = {name: constant[name].T for name in "SJ"}
+        given: dict[str, Any] = {name: constant[name].T for name in "SJ"}
         given["col_at"], given["row"] = _columns(square)
         given["J_col_at"], given["J_row"] = _columns(closures)
         for name in "CK":

@@ -25,7 +25,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import acts_without_potential, balance, coupled, rest
 from pinflex.levels.start import Moving, state_of_run
 from pinflex.linalg import condensed, negative_directions, null_space
-from pinflex.mechanics.evaluation.equations import Equations, Followed
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import card, grid
@@ -422,11 +422,8 @@ def default_motion(mechanism: Mechanism) -> Motion:
 
     The same object each time: what is known of a motion is found by it.
     """
-    found = mechanism.followed.motions  # modes of a shaped one are slow to find
-    if not found:
-        Followed.keep(found, _written(mechanism), 1)
-    motion: Motion = found[0]
-    return motion
+    known = mechanism.followed.motions  # modes of a shaped one are slow to find
+    return known.get(None, None, lambda: _written(mechanism))
 
 
 def _written(mechanism: Mechanism) -> Motion:

@@ -30,7 +30,7 @@ from pinflex.levels.modes import default_step, modes, rings_below
 from pinflex.levels.rigid import rigid_torques
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
-from pinflex.mechanics.evaluation.equations import Equations, Followed
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
@@ -148,7 +148,6 @@ Progress = Callable[[int, int], None]
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
 _FEW_STAGES, _HELD_NEWTON = 4, 2e-6
-_STARTS = 4  # kept with a mechanism
 _AT_END = 1e-7  # of the run: a break so near its end is none
 _SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
@@ -497,15 +496,9 @@ class Scene:
             return self._nudged(replace(self, nudge=0.0).start)
         if not isinstance(self.spec.start, str):
             return self._found_start()
-        kept, spec = self.mechanism.followed.starts, self.spec
+        spec, starts = self.spec, self.mechanism.followed.starts
         asked = spec.level == "rigid", spec.start, spec.drive, spec.start_speeds
-        for moved, like, start in kept:
-            if moved is self.motion and like == asked:
-                known: Start = start
-                return known
-        found = self._found_start()
-        Followed.keep(kept, (self.motion, asked, found), _STARTS)
-        return found
+        return starts.get(self.motion, asked, self._found_start)
 
     def _nudged(self, start: Start) -> Start:
         """A start with other speeds, as loops and motors let them."""

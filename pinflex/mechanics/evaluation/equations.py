@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field, fields
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
 
 
+T = TypeVar("T")
+
 # Rigid motions kept with their mechanism: whatever runs, compares or draws asks for the same.
 
 # Keys of a description that say nothing of how rigid joints move: home is compared.
@@ -44,35 +46,54 @@ _APART = (
 )
 
 
+class Memory(list[tuple[Any, Any, Any]]):
+    """The last few values of motions, by what was asked of them, the newest first."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self._most = most
+
+    def find(self, motion: object, asked: object) -> Any:
+        """The value of a motion for what is asked of it; None: it is not known."""
+        known = (value for moved, like, value in self if moved is motion and like == asked)
+        return next(known, None)
+
+    def keep(self, motion: object, asked: object, value: T) -> T:
+        """The value, put before what was known; the oldest goes."""
+        self.insert(0, (motion, asked, value))
+        del self[self._most :]
+        return value
+
+    def get(self, motion: object, asked: object, make: Callable[[], T]) -> T:
+        """The value of a motion for what is asked of it, made where it is not known."""
+        known: T | None = self.find(motion, asked)
+        return self.keep(motion, asked, make()) if known is None else known
+
+
 @frozen(eq=False)
 class Followed:
-    """What was found of the motions of a rigid mechanism, the newest first.
+    """What was found of the motions of a rigid mechanism.
 
     Attributes:
         motions: Of the YAML, shaped where it says so.
-        nominals: Rigid motions at instants: (motion, nominal). Which of them serves depends on what
-            was asked before: they are never shared.
-        solved: What was solved for them: (motion, nominal).
-        paths: Of the motors between two times: (motion, (start, end), function of time).
-        starts: Of the flexible mechanism: (motion, how it is asked for, start); never shared.
-        jumps: What is said of its jumps of speed: (motion, end, sentences).
+        nominals: Rigid motions at instants. Which of them serves depends on what was asked before:
+            they are never shared.
+        solved: What was solved for them.
+        paths: Of the motors between two times: functions of time.
+        starts: Of the flexible mechanism, by how they are asked for; never shared.
+        jumps: What is said of jumps of speed before an end: sentences.
     """
 
-    motions: list[Any] = field(default_factory=list)
-    nominals: list[Any] = field(default_factory=list)
-    solved: list[Any] = field(default_factory=list)
-    paths: list[Any] = field(default_factory=list)
-    starts: list[Any] = field(default_factory=list)
-    jumps: list[Any] = field(default_factory=list)
+    motions: Memory = field(default_factory=partial(Memory, 1))
+    # of a run: at its samples, where a platform's motor motion is interpolated, for scales
+    nominals: Memory = field(default_factory=partial(Memory, 4))
+    solved: Memory = field(default_factory=partial(Memory, 4))
+    paths: Memory = field(default_factory=partial(Memory, 4))
+    starts: Memory = field(default_factory=partial(Memory, 4))
+    jumps: Memory = field(default_factory=partial(Memory, 1))
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
         return Followed, ()  # found again where it is needed
-
-    @staticmethod
-    def keep(found: list[Any], new: Any, most: int) -> None:
-        """Put what is new before what was found, and let the oldest go."""
-        found.insert(0, new)
-        del found[most:]
 
 
 def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
@@ -82,7 +103,8 @@ def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
     """
     if alike or _move_alike(one, other):
         known = one.followed
-        vars(other)["followed"] = Followed(known.motions, [], known.solved, known.paths)
+        shared = Followed(known.motions, solved=known.solved, paths=known.paths)
+        vars(other)["followed"] = shared
 
 
 def _move_alike(one: Mechanism, other: Mechanism) -> bool:
