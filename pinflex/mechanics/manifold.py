@@ -63,6 +63,9 @@ _TIMES = np.array(
 ).reshape(4, 16)
 
 
+_SORTS = ("plain", "circle", "ball", "body")
+
+
 def sorts_of(model: pin.Model) -> dict[str, IntArray]:
     """First places in q and v of joints by how they move, as `Stages` in source/stages.h has them.
 
@@ -81,9 +84,6 @@ def sorts_of(model: pin.Model) -> dict[str, IntArray]:
         found[f"{sort}_q"] += range(joint.idx_q, joint.idx_q + count)
         found[f"{sort}_v"] += range(joint.idx_v, joint.idx_v + count)
     return {name: np.array(places, dtype=np.intp) for name, places in found.items()}
-
-
-_SORTS = ("plain", "circle", "ball", "body")
 
 
 class Manifold:

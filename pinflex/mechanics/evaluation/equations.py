@@ -46,22 +46,22 @@ _APART = (
 )
 
 
-class Memory(list[tuple[Any, Any, Any]]):
+@frozen(eq=False)
+class Memory:
     """The last few values of motions, by what was asked of them, the newest first."""
 
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self._most = most
+    most: int
+    values: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
     def find(self, motion: object, asked: object) -> Any:
         """The value of a motion for what is asked of it; None: it is not known."""
-        known = (value for moved, like, value in self if moved is motion and like == asked)
+        known = (x for moved, like, x in self.values if moved is motion and like == asked)
         return next(known, None)
 
     def keep(self, motion: object, asked: object, value: T) -> T:
         """The value, put before what was known; the oldest goes."""
-        self.insert(0, (motion, asked, value))
-        del self[self._most :]
+        self.values.insert(0, (motion, asked, value))
+        del self.values[self.most :]
         return value
 
     def get(self, motion: object, asked: object, make: Callable[[], T]) -> T:
