@@ -373,14 +373,17 @@ class _Study:
         linear, corrected, twice = probe.marched(2)
         once, best, ked = probe.nonlinear(corrected), probe.nonlinear(twice), probe.linear(linear)
         first, second = differ(ked, best), differ(once, best)
-        ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
+        # what neither correction moves by a share that counts is settled, whatever their ratio
+        small = _NEXT_TO_NOTHING * self.tol
+        going = [k for k, e in first.items() if max(e, second[k]) > small]
+        ratio = max((second[k] / max(first[k], small) for k in going), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
         if not np.isfinite(rest):
             self.notes.append(
                 "the levels below coupled were not measured: corrections of the linear vibration "
                 "do not shrink, it is too far from the motion"
             )
-        left = {k: e * rest if e else 0.0 for k, e in second.items()}
+        left = {k: e * (rest if k in going else 1.0) if e else 0.0 for k, e in second.items()}
         seconds = {"coupled": self._verify(best, left)}
         runs = self._runs() if self.doubts else None
         if runs is not None:
