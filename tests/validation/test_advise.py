@@ -164,6 +164,15 @@ def test_what_is_not_known_is_said_in_words(capsys) -> None:
     assert "not measured" in text and " inf" not in text and "?" not in text
 
 
+def test_what_no_look_measured_has_no_error_bar(capsys):
+    """Motors that push: only a run tells what the model leaves out, and it was told as 1.2 %."""
+    pushed = ["solve.drive=torque"]
+    found = advise(pf.load("cantilever", pushed))
+    assert found.level == "coupled" and not np.isfinite(list(found.error.values())).any()
+    text = call(capsys, "advise", "cantilever", "--set", *pushed).out
+    assert "not measured" in text and "that run tells its own error bars" in text
+
+
 def test_the_command_says_it_for_people_and_machines(capsys):
     arguments = ("advise", "race_r1", "--asked", "torque", "--tol", "0.03")
     text = call(capsys, *arguments).out
