@@ -22,6 +22,7 @@ from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
 from pinflex.report import Block, Listing, Report, Reported, Words, bullets, lines, table
 from pinflex.results.quantities import joint_unit
+from pinflex.solver.solve import too_late
 from pinflex.studies.checking import doubts
 from pinflex.studies.checking.parts import (
     DriveCheck,
@@ -281,25 +282,26 @@ def _units(mechanism: Mechanism) -> tuple[str, ...]:
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     """The motion in words, and a warning where the rigid mechanism cannot follow it."""
     description = mechanism.description
-    if description.motion is None:
-        return "none given: the motors hold home", []
     motion = default_motion(mechanism)
+    end = description.solve.until or motion.duration
+    late = too_late(description, end)
+    if description.motion is None:
+        return "none given: the motors hold home", late
     names = ", ".join(motion.names)
     moved = f" of the {motion.target} ({names})" if names else ""
-    end = description.solve.until or motion.duration
     words = f"{motion.kind}{moved}, {motion.duration:g} s"
     words += f", run to {end:g} s" if end != motion.duration else ""
     if mechanism.report.mobility > len(mechanism.motors):
-        return words, []
+        return words, late
     try:
         path = nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
     except SceneError as error:
-        return f"{words}: cannot be followed", [f"motion: {error}"]
+        return f"{words}: cannot be followed", [*late, f"motion: {error}"]
     axes, motors = motor_axes(mechanism), description.actuated
     at = dict(zip(motors, np.transpose([axes.read(q) for q in path.q]), strict=True))
     turning = dict(zip(motors, path.v[:, axes.v_at].T, strict=True))
     beyond = doubts.beyond_on_the_way(description, at, turning)
-    return f"{words}: the rigid mechanism can follow it", [f"motion: {x}" for x in beyond]
+    return f"{words}: the rigid mechanism can follow it", [*late, *(f"motion: {x}" for x in beyond)]
 
 
 # The report of a check.

@@ -20,7 +20,7 @@ from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
-from pinflex.mechanics.model.tree import Link, poses_of
+from pinflex.mechanics.model.tree import Link, poses_of, sliding
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
 from pinflex.text import percent, plural
 
@@ -187,7 +187,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
 
 
 _TURN = 2 * np.pi + 1e-3  # rad: no origin is written with a larger angle,
-_TURNS = 30.0  # rad: and few joints have a wider range
+_TURNS = 30.0, 720.0  # rad: and few motors have so wide a range; a wider one means any angle
 _FAR = 3.0  # times the reach of the robot: a radius of gyration that no link of it has
 _THIN = 10.0  # kg/m^3: lighter than foam
 
@@ -203,11 +203,13 @@ def slips(mechanism: Mechanism) -> list[str]:
         )
     root = ET.fromstring(description.urdf_text.strip())
     known, angles = limits(description.urdf_text), []
+    turning = {*mechanism.motors} - sliding(mechanism.rigid.rigid)
     for joint in root.findall("joint"):
         name, origin = joint.get("name", ""), joint.find("origin")
         turned = [] if origin is None else (origin.get("rpy") or "").split()
         one = known.get(name, Limits())
-        wide = joint.get("type") == "revolute" and max(abs(one.lower), abs(one.upper)) > _TURNS
+        most = max(abs(one.lower), abs(one.upper)) if name in turning else 0.0
+        wide = _TURNS[0] < most <= _TURNS[1]
         if wide or any(abs(float(x)) > _TURN for x in turned):
             angles.append(f"{name} ({'limits' if wide else 'rpy'})")
     if angles:
