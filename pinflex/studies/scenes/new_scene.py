@@ -32,6 +32,7 @@ from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
 from pinflex.studies.scenes.proposals import home_values, with_home
+from pinflex.text import plural
 from pinflex.viewer.surfaces import Surface, surfaces_of
 from pinflex.writing import replaced
 
@@ -329,7 +330,7 @@ def _motors(tree: Source, closed: bool) -> dict[str, Any]:
     ]
     found = [name for name in dict.fromkeys(found) if name in single]
     if not found and closed:
-        found = [name for name in single if re.search("mot|act", name, re.I)]
+        found = [name for name in single if proposals.MOTOR.search(name)]
     return {"actuated": found} if found or closed else {}
 
 
@@ -447,9 +448,10 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
     else:
         mobility, named = ways.closed.report.mobility, len(ways.motors)
         why = f"mobility {mobility} with these loops"
-        why += (
-            "" if mobility == named else ": a joint is of another type, or a motor is not named so"
-        )
+        if not named:
+            why += f": name {plural(mobility, 'joint')} with a motor"
+        elif mobility != named:
+            why += ": a joint is of another type, or a motor is not named so"
     return [*lines, f"# actuated: [{motors}]  # {why}"]
 
 

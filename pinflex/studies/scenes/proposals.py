@@ -36,7 +36,7 @@ _FINGER = re.compile(
     r"finger|thumb|(^|_)(index|middle|ring|pinky|little|knuckle|jaw|ph)(\d|_|$)", re.I
 )
 _SENSOR = re.compile(r"camera|laser|imu|optical|sensor|rgb|depth|lidar|gnss|(^|_)head|eye", re.I)
-_MOTOR = re.compile("mot|act", re.I)
+MOTOR = re.compile("mot|act|drive(?!n)|servo", re.I)
 _TYPES = {  # which URDF lacks, so that files draw another in their place
     "spherical": re.compile("ball|spher", re.I),
     "universal": re.compile("univ|cardan|u_?joint", re.I),
@@ -169,7 +169,7 @@ def _named_types(tree: Source) -> dict[str, str]:
 def named_motors(tree: Source) -> tuple[str, ...]:
     """Joints whose names say that they have a motor, where not all do."""
     ones = single(tree)
-    found = tuple(joint.name for joint in ones if _MOTOR.search(joint.name))
+    found = tuple(joint.name for joint in ones if MOTOR.search(joint.name))
     return found if len(found) < len(ones) else ()
 
 
