@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.studies.study import study
 from tests.scenes import Body, load
 
 ARM = [
@@ -47,6 +48,12 @@ def test_values_that_are_mostly_slips_are_named(change: str, said: str, tmp_path
 def test_so_are_those_of_the_urdf(slip: dict[str, object], said: str, tmp_path: Path) -> None:
     assert said not in told(tmp_path)
     assert said in told(tmp_path, [replace(ARM[0], **slip), *ARM[1:]])
+
+
+def test_compare_says_it_too(tmp_path: Path) -> None:
+    robot = load(tmp_path, ARM, BEND, ["gravity=[0, 0, 9.81]"], inertia="urdf")
+    notes = study(robot, levels=("rigid", "ked")).table.notes
+    assert any("falls upward" in note for note in notes)
 
 
 def test_limits_in_degrees(tmp_path: Path) -> None:
