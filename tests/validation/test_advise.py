@@ -11,8 +11,8 @@ Claims:
     - a proposal keeps the tolerance wherever a row of its table does, without stretch and twist
       that cost nothing: ur5, delta, 1 %, quintic and trapezoid | exact | passes
     - progress is told from look to look | exact | passes
-    - a gantry whose long arm bends: twice the error of the rigid torque | one mass on a spring | 3 %
-      | 1.7 %
+    - a gantry whose long arm bends: twice the error of the rigid torque | one mass on a spring |
+      3 % | 1.7 %
 """
 
 from __future__ import annotations
