@@ -78,6 +78,9 @@ def saddle_matrix(A: Array, J: Array, J_left: Array | None = None) -> Array:
 
 
 _REGULAR = 1e-15  # least reciprocal condition of a scaled matrix: what is below is round-off
+# Of the largest, roots of the diagonal: what is below is the round-off of none, and no scale. A
+# hinge beside a rod has 1e-24 of the rod's stiffness so, a light joint under its weight 1e-17.
+_NONE = 1e-11
 
 
 def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array, Array]:
@@ -88,7 +91,7 @@ def saddle(A: Array, J_left: Array, J: Array, b: Array, c: Array) -> tuple[Array
     """
     S, right, n = saddle_matrix(A, J, J_left), np.concatenate([b, c]), len(A)
     size = np.sqrt(np.abs(np.diag(S)))
-    size[size == 0.0] = 1.0
+    size[size <= _NONE * size.max(initial=0.0)] = 1.0
     scaled = S / size / size[:, None]
     lu, pivots, info = lapack().dgetrf(scaled)
     share = 0.0 if info else lapack().dgecon(lu, np.abs(scaled).sum(axis=0).max())[0]

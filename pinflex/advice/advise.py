@@ -63,6 +63,7 @@ _LINEAR = 0.1
 # and no proposal may hang on what a clock says of runs that cost much the same.
 _DEARER = 2.0
 _LOOKS = 5  # stages that are told
+_BY_A_RUN = "no cheap look tells what the model leaves out: that run tells its own error bars"
 _UNTRIED = "more segments were not tried, and are not in the bars"
 
 
@@ -103,14 +104,13 @@ def advise(
     stepless = ("solve.dt=null",) if spec.dt is not None else ()  # beside tol it is refused
     n = mechanism.flexible.n_eta
     plain = Advice(mechanism.name, tol, asked, band=band, run_tol=_RUN * tol, coordinates=(n, n, n),
-                   error=dict.fromkeys(asked, 2 * _RUN * tol))  # fmt: skip
+                   error=dict.fromkeys(asked, np.inf))  # fmt: skip
     if any(mechanism.description.system_damping):
         why = "damping.scope: system is known to ked only; no error bar can be had"
-        unknown = dict.fromkeys(asked, np.inf)
-        return replace(plain, level="ked", error=unknown, why=why, overrides=stepless)
+        return replace(plain, level="ked", why=why, overrides=stepless)
     only = _only_coupled(mechanism)
     if only:
-        return replace(plain, why=only, overrides=stepless)
+        return replace(plain, why=only, overrides=stepless, notes=(_BY_A_RUN,))
     if not mechanism.compliant:
         exact = dict.fromkeys(asked, 0.0)
         return replace(plain, level="rigid", run_tol=None, error=exact, why="nothing is flexible")
@@ -193,7 +193,7 @@ class _Study:
             once, ked, levels, seconds = self._levels()
         except ConvergenceError as failed:
             why = f"linear vibration does not describe it ({failed})"
-            return replace(self.plain, why=why, notes=tuple(self.notes))
+            return replace(self.plain, why=why, notes=(*self.notes, _BY_A_RUN))
         self._tell(1, _LOOKS)
         level, why = self._choose(levels, seconds)
         error, tol = levels[level], self.tol
@@ -373,14 +373,17 @@ class _Study:
         linear, corrected, twice = probe.marched(2)
         once, best, ked = probe.nonlinear(corrected), probe.nonlinear(twice), probe.linear(linear)
         first, second = differ(ked, best), differ(once, best)
-        ratio = max((second[k] / e for k, e in first.items() if e > 1e-6), default=0.0)
+        # what neither correction moves by a share that counts is settled, whatever their ratio
+        small = _NEXT_TO_NOTHING * self.tol
+        going = [k for k, e in first.items() if max(e, second[k]) > small]
+        ratio = max((second[k] / max(first[k], small) for k in going), default=0.0)
         rest = ratio / (1.0 - ratio) if ratio < _CONTRACTION else np.inf
         if not np.isfinite(rest):
             self.notes.append(
                 "the levels below coupled were not measured: corrections of the linear vibration "
                 "do not shrink, it is too far from the motion"
             )
-        left = {k: e * rest if e else 0.0 for k, e in second.items()}
+        left = {k: e * (rest if k in going else 1.0) if e else 0.0 for k, e in second.items()}
         seconds = {"coupled": self._verify(best, left)}
         runs = self._runs() if self.doubts else None
         if runs is not None:

@@ -188,7 +188,10 @@ def invert(instant: Instant, reference: Balanced, start: Balanced | None = None)
         new, before = size > _SLOW * before, size
     h, held = instant.target.t[1] - instant.target.t[0], instant.target.names
     nm = len(instant.axes.v_at)
-    why = "Ask for more nodes, or slow the motion down."
+    why = (
+        "Slow the motion down, or take level quasistatic, which tells what it misses; more "
+        "`instants` help where the motion is fast for them."
+    )
     if len(held) < nm:
         why = (
             f"{len(held)} coordinate ({', '.join(held)}) for {nm} motors: in what is not named the "

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from functools import cached_property
 from itertools import count
 
 import numpy as np
@@ -331,12 +332,6 @@ class _Search:
         rows, model = dynamics.n_rigid, dynamics.system.rigid
         self.every = np.arange(rows, dtype=np.intp)
         self.passive = np.setdiff1d(self.every, held).astype(np.intp)
-        closed = dynamics.system.closed
-        looped = np.any(closed.row_mask != 0, axis=0)
-        if len(closed.coupled.rows):
-            looped |= np.any(closed.coupled.J != 0, axis=0)
-        self.movable = self.every[looped]
-        self.moving = {True: self.passive[looped[self.passive]], False: self.movable}
         # A Newton step keeps the side from which axes meet; a search wants them to point alike.
         self.closure.signs = np.where(cosines < 0, -1.0, 1.0)
         self.wanted = np.where(cosines < -1 + 1e-6, -1.0, 1.0)
@@ -346,12 +341,19 @@ class _Search:
         self.weight /= self.unit
         self._bound(model, limits, given)
         self.tried = 0
-        random = np.random.default_rng(0)
-        self.beside = dynamics.integrate(guess, random.uniform(-0.1, 0.1, rows) * self.unit)
         self.best: tuple[float, Array] | None = None
 
+    @cached_property
+    def moving(self) -> dict[bool, IntArray]:
+        """Rows of joints that take part in loops: with the motors held, and all."""
+        closed = self.dynamics.system.closed
+        looped = np.any(closed.row_mask != 0, axis=0)
+        if len(closed.coupled.rows):
+            looped |= np.any(closed.coupled.J != 0, axis=0)
+        return {True: self.passive[looped[self.passive]], False: self.every[looped]}
+
     def _bound(self, model: pin.Model, limits: Limits, given: IntArray) -> None:
-        """Bounds of the way from the guess, and the reach of random starts, shape (nv,)."""
+        """Bounds of the way from the guess, shape (nv,), and joints that have limits."""
         rows = self.dynamics.n_rigid
         self.low, self.high = np.full(rows, -np.inf), np.full(rows, np.inf)
         self.limited: list[tuple[int, float, float, bool]] = []
@@ -365,11 +367,6 @@ class _Search:
             self.low[joint.idx_v], self.high[joint.idx_v] = low - at, high - at
             if np.isfinite(low) or np.isfinite(high):
                 self.limited.append((q, low - _TOUCH, high + _TOUCH, q in given))
-        reach = np.pi * self.unit
-        reach[self.unit != 1.0] = self.length
-        self.from_, self.to = np.maximum(self.low, -reach), np.minimum(self.high, reach)
-        narrow = self.from_ >= self.to  # the guess is far outside the limits
-        self.from_[narrow], self.to[narrow] = self.low[narrow], self.high[narrow]
 
     def inside(self, pose: Array, free: bool = False) -> bool:
         """Whether a pose keeps the limits; `free`: of the joints that were not given."""
@@ -379,10 +376,12 @@ class _Search:
 
     def passive_may_close(self) -> bool:
         """Whether passive joints alone move the closures as far as all joints together do."""
-        if not len(self.moving[True]) or len(self.moving[True]) == len(self.movable):
+        passive, every = self.moving[True], self.moving[False]
+        if not len(passive) or len(passive) == len(every):
             return False
-        _, J = self.closure.at(self.beside)
-        ranks = [len(independent_rows(J[:, self.moving[held]], RANK)) for held in (True, False)]
+        beside = np.random.default_rng(0).uniform(-0.1, 0.1, len(self.unit)) * self.unit
+        _, J = self.closure.at(self.dynamics.integrate(self.guess, beside))
+        ranks = [len(independent_rows(J[:, rows], RANK)) for rows in (passive, every)]
         return ranks[0] == ranks[1]
 
     def run(self, motors_held: bool, known: Array | None = None) -> Closed | None:
@@ -413,9 +412,14 @@ class _Search:
     def _starts(self, rows: IntArray) -> Iterator[Array]:
         """Ways of some rows from the guess: none, then further and further."""
         yield np.zeros(self.dynamics.n_rigid)
+        reach = np.pi * self.unit
+        reach[self.unit != 1.0] = self.length
+        least, most = np.maximum(self.low, -reach), np.minimum(self.high, reach)
+        narrow = least >= most  # the guess is far outside the limits
+        least[narrow], most[narrow] = self.low[narrow], self.high[narrow]
         random = np.random.default_rng(0)  # a fixed seed: the same pose on every run
         for k in count():
-            draw = min(1.0, 0.25 * (1 + k // 4)) * random.uniform(self.from_, self.to)
+            draw = min(1.0, 0.25 * (1 + k // 4)) * random.uniform(least, most)
             start = np.zeros(self.dynamics.n_rigid)
             start[rows] = draw[rows]
             yield start

@@ -17,6 +17,7 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.blocks.control import Control
+from pinflex.description.description import Description
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec, with_options
 from pinflex.errors import (
@@ -97,6 +98,19 @@ def blows(motion: Motion, until: float) -> list[str]:
     return said
 
 
+def too_late(description: Description, until: float) -> list[str]:
+    """A sentence on loads and a payload that come only after the end of a run, else none."""
+    late = [f"forces.{x.name} ({x.start:g} s)" for x in description.forces if x.start >= until]
+    body = description.payload
+    late += [f"payload ({body.start:g} s)"] if body is not None and body.start >= until else []
+    if not late:
+        return []
+    return [
+        f"{', '.join(late)}: not before the end of the run, {until:g} s, so without effect. Write "
+        "an earlier time, or a later solve.until."
+    ]
+
+
 def _jump(motion: Motion, low: float, high: float) -> tuple[float, Array]:
     """Where speeds change most between two times, and by how much in no time at all."""
     for _ in range(_HALVINGS):
@@ -153,7 +167,8 @@ def solve_level(
             led = spec.level in ("ked", "coupled") and spec.drive == "prescribed"
             struck = _struck(mechanism, motion, end) if led else []
             run = _run(scene, end, progress)
-            run = replace(run, warnings=(*run.warnings, *struck))
+            late = too_late(mechanism.description, end)
+            run = replace(run, warnings=(*run.warnings, *struck, *late))
         except (ConvergenceError, MotionError, RunInterrupted) as error:
             part, why = error.result, str(error)
             if isinstance(part, Run):

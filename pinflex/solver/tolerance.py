@@ -190,7 +190,7 @@ _TRIES, _NEXT = 8, 0.1
 _NO_BETTER, _IN_VAIN = 0.7, 3e-3
 # Corrections this large are no round-off: errors have grown from one to the next (undamped robots
 # that torques push without feedback), and several runs tell what one cannot.
-_GROWN = 0.1
+_GROWN = 1e-3
 # Runs more for forces and stresses, the resolution of the next one at the most, and the parts of
 # the tolerance that strain and what elastic forces accelerate may differ by where these are not
 # looked at (what is told is 0.6 to 5.6 times the latter on most scenes).

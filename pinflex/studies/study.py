@@ -36,7 +36,7 @@ from pinflex.results.result import Result, peak
 from pinflex.results.verdict import BAND, TOL
 from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
-from pinflex.studies.checking.doubts import beyond_on_the_way
+from pinflex.studies.checking.doubts import beyond_on_the_way, slips
 from pinflex.studies.outputs import yield_strengths
 from pinflex.text import frozen, number
 from pinflex.viewer.curves import with_rigid_torque
@@ -140,7 +140,7 @@ def notes_of(mechanism: Mechanism, record: Outcomes, frequencies: Sequence[float
     notes = _yielding(mechanism, record.runs)
     if min(frequencies, default=0.0) < 0:
         notes.append("a negative frequency is an unstable direction: the static pose buckles.")
-    notes += _beyond_limits(mechanism, record.runs)
+    notes += [*slips(mechanism), *_beyond_limits(mechanism, record.runs)]
     notes += _run_warnings(record.runs) + ending(record.runs)
     for level, run in record.runs.items():
         if run.meta.get("errors"):

@@ -145,6 +145,30 @@ def five_bar() -> str:
     return text + "</robot>"
 
 
+@pytest.mark.parametrize(("crank", "said"), [
+    ("drive", "actuated: [drive]  # mobility 1 with these loops"),
+    ("driven_pin", "actuated: [...]  # mobility 1 with these loops: name 1 joint with a motor"),
+])  # fmt: skip
+def test_a_four_bar_has_one_motor_by_its_name_or_asks_for_one(
+    crank: str, said: str, tmp_path: Path
+) -> None:
+    """Four links and four pins leave 3 (4 - 1) - 2 * 4 freedoms."""
+    text = '<robot name="fourbar"><link name="base"/>'
+    for name, length in (("crank", 0.1), ("rod", 0.4), ("rocker", 0.3)):
+        text += BAR.format(name=name, length=length, half=length / 2, mass=0.1)
+    text += '<link name="tip_a"/><link name="tip_b"/>' + "".join((
+        HINGE.format(crank, "continuous", "base", "crank", 0),
+        HINGE.format("pin_a", "continuous", "crank", "rod", 0.1),
+        HINGE.format("pin_b", "continuous", "base", "rocker", 0.35),
+        HINGE.format("end_a", "fixed", "rod", "tip_a", 0.4),
+        HINGE.format("end_b", "fixed", "rocker", "tip_b", 0.3),
+    ))  # fmt: skip
+    path = tmp_path / "fourbar.urdf"
+    path.write_text(text + "</robot>", "utf-8")
+    assert main(["new", str(path)]) == 0
+    assert f"# {said}\n" in path.with_suffix(".yaml").read_text("utf-8")
+
+
 def test_open_branches_are_proposed_as_a_closed_robot(tmp_path: Path) -> None:
     """Couplers that end in bare frames are candidates; the tips meet in a pin, drawn apart."""
     path = tmp_path / "fivebar.urdf"

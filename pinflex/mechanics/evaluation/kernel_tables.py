@@ -2,38 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from functools import cache
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.basis import Cut
-from pinflex.bodies.family import Family
-from pinflex.bodies.superelement import Node, Superelement
 from pinflex.bodies.track import Series, Track
-from pinflex.description.blocks.external import FrameForce, FrameSpring
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
 from pinflex.mechanics.closure import Closures, Contact, CoupledRows
-from pinflex.mechanics.kinks import Kinks
-from pinflex.mechanics.model.loads import (
-    RUBS,
-    AddedMasses,
-    Attachment,
-    Block,
-    ElasticDrive,
-    Expansion,
-    Interface,
-    Loads,
-    Slot,
-    Springs,
-)
-from pinflex.mechanics.model.slider import Segment, Sleeve
-from pinflex.mechanics.model.strain import BODIES, square_tables, strain_tables
+from pinflex.mechanics.model.loads import Expansion, Loads
+from pinflex.mechanics.model.strain import square_tables, strain_tables
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
@@ -135,46 +116,6 @@ _KINDS = {
     "Translation": TRANSLATION, "Spherical": BALL, "FreeFlyer": FREE, "Planar": PLANAR,
 }  # fmt: skip
 _PREFIX = "JointModel"
-_PLAIN = (np.ndarray, int, float, str, bool, type(None), slice)  # have no parts
-# What the tables are made of, and what is beside it in the same records. A field beyond these, or
-# another record, may be a term that the kernel lacks.
-SYSTEM = frozenset({
-    "rigid", "expansion", "closed", "K", "D", "springs", "motors", "loads", "held", "friction",
-    "added", "kinks",
-})  # fmt: skip
-KNOWN: dict[type, frozenset[str]] = {
-    record: frozenset(names.split())
-    for record, names in (
-        (Springs, "v_at q_at paired stiffness rest"),
-        (Loads, "forces springs touches"),
-        (FrameForce, "name frame force moment follower start until ramp"),
-        (FrameSpring, "name frame_a frame_b stiffness damper length at tension_only table"),
-        (Kinks, "rows energy"),
-        (AddedMasses, "joints inertia clocks"),
-        # Gears that give way are joints and rows of the map like those of links.
-        (Expansion, "model q_at v_at blocks frames slots n_eta drives carried"),
-        (ElasticDrive, "joint eta row"),
-        (Block, "rows q_rows Phi G eta"),
-        (Attachment, "joint placement"),
-        (Interface, "x attachment force_rows"),
-        (Slot, "link offset body eta root stations twists interfaces"),
-        (Family, "n names length breaks gauss function shear"),
-        (Superelement, "points nodes held inertia_error held_frequencies cut outer_moment corners "
-         "triangles shapes stress"),
-        (Cut, "x Phi G outer outer_twist"),
-        (Node, "name place Phi G"),
-        (Closures, "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
-         "dot_b distance_rows lengths support_a support_b contacts coupled"),
-        (CoupledRows, "rows J at A offset"),
-        (Contact, "sleeve loop rows supports on"),
-        (Sleeve, "link placement length half sorts track eta segments"),
-        (Segment, "offset length track end eta root"),
-        (Track, "n length series row i j shear"),
-        (Series, "breaks powers"),
-        RUBS,
-        *BODIES,
-    )
-}  # fmt: skip
 
 
 def uncovered(system: System) -> str | None:
@@ -187,37 +128,7 @@ def uncovered(system: System) -> str | None:
         name = joint.shortname().removeprefix(_PREFIX)
         if name not in _KINDS:
             return f"joint of Pinocchio's kind {name}"
-    return _unknown(system, KNOWN | {type(system): SYSTEM}, set())
-
-
-def _unknown(value: object, known_of: Mapping[type, frozenset[str]], seen: set[int]) -> str | None:
-    """A record, or a field of one, that is not among the known, of all that a value is made of."""
-    kind: type = type(value)
-    names = _names(kind)
-    if names is None or id(value) in seen:
-        return None
-    seen.add(id(value))
-    if names:
-        known = known_of.get(kind)
-        if known is None or not known.issuperset(names):
-            new = sorted(set(names) - (known or set()))
-            return f"{kind.__name__}.{new[0]}" if known is not None else kind.__name__
-        parts: Iterable[Any] = [getattr(value, name) for name in names]
-    else:
-        parts = value.values() if isinstance(value, Mapping) else value  # type: ignore[assignment]
-    for part in parts:
-        found = None if type(part) in _PLAIN else _unknown(part, known_of, seen)
-        if found is not None:
-            return found
     return None
-
-
-@cache
-def _names(kind: type) -> tuple[str, ...] | None:
-    """Fields of a record; (): a collection; None: what has no parts."""
-    if is_dataclass(kind):
-        return tuple(field.name for field in fields(kind))
-    return () if issubclass(kind, Mapping | tuple | list) else None
 
 
 def node_of_joints(system: System) -> IntArray:
@@ -281,7 +192,8 @@ def weighed(known: Tables, system: System) -> Tables:
         return tables(system)
     model = system.expansion.model
     numbers |= _masses(model, nodes, points, twists) | {"armature": model.armature}
-    return known.replaced(numbers | {"rest": strain_tables(system)["rest"]})
+    numbers |= {"rest": strain_tables(system)["rest"]}
+    return Tables(known.counts, known.arrays | numbers)
 
 
 def _beside(system: System, node_of: IntArray) -> dict[str, Any]:

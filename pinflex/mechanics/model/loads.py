@@ -443,9 +443,6 @@ class DryFriction:
         return {"rub_v": self.rows, "rub_law": law}
 
 
-RUBS = (DryFriction, "rows coulomb excess stribeck speed")  # what its tables are made of
-
-
 def excess(rubs: Friction) -> float:
     """E with which the largest friction is breakaway: smoothing would cut it by some per cent."""
     wanted = rubs.breakaway - rubs.coulomb

@@ -11,21 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.bodies.basis import Curvature, FlexibleBody
+from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.family import quadrature
 from pinflex.mechanics.model.loads import Expansion
 
 if TYPE_CHECKING:
     from pinflex.mechanics.model.system import System
-
-
-# What bodies consist of: stations and K are in the model, its map and System.K, the rest is here.
-# A field beyond these may be a term that the kernel lacks (see `kernel_tables.uncovered`).
-BODIES: tuple[tuple[type, str], ...] = (
-    (FlexibleBody, "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
-     "inertia Phi_r G_r K M D root_moves solid curvature rest"),
-    (Curvature, "bend slope weight"),
-)  # fmt: skip
 
 
 class Strain:

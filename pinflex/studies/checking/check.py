@@ -22,6 +22,7 @@ from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
 from pinflex.report import Block, Listing, Report, Reported, Words, bullets, lines, table
 from pinflex.results.quantities import joint_unit
+from pinflex.solver.solve import too_late
 from pinflex.studies.checking import doubts
 from pinflex.studies.checking.parts import (
     DriveCheck,
@@ -36,12 +37,14 @@ from pinflex.studies.checking.parts import (
     statics,
     summary,
 )
+from pinflex.studies.scenes.proposals import home_values
 from pinflex.text import angle, frozen, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
 _PRELOADED = "about the static equilibrium"
 _UNDAMPED = 1e-9  # a damping ratio below is round-off
+_MOVED = 0.05  # [rad | m] beyond the digits of a guess
 _SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
@@ -68,6 +71,7 @@ class Check(Reported):
         summaries: Modal summary of each solid body, as text.
         by_joint: Links of the frames that the YAML names by their joint.
         payload: What is carried, and where.
+        moved: Where joints stand at home that closing the loops moved from the guess [rad | m].
     """
 
     name: str
@@ -97,6 +101,7 @@ class Check(Reported):
     unloaded: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
     payload: str = ""
+    moved: Mapping[str, float] = field(default_factory=dict)
 
     def as_report(self) -> Report:
         """Everything, with its tables."""
@@ -158,7 +163,21 @@ def check(mechanism: Mechanism, count: int = 6) -> Check:
         urdf_dynamics=doubts.used(description),
         unloaded=unloaded,
         payload=str(description.payload or ""),
+        moved=_moved(mechanism),
     )
+
+
+def _moved(mechanism: Mechanism) -> dict[str, float]:
+    """Joints of one freedom that closing the loops moved from their guess, and where they stand."""
+    guess, found = mechanism.description.home, {}
+    for name, at in home_values(mechanism).items() if mechanism.description.loops else ():
+        before = guess.get(name, 0.0)
+        if isinstance(at, float) and isinstance(before, int | float):
+            way = abs(at - before)
+            turns = name not in sliding(mechanism.rigid.rigid)
+            if (min(way, abs(way - 2 * math.pi)) if turns else way) > _MOVED:
+                found[name] = at
+    return found
 
 
 def is_loaded(mechanism: Mechanism) -> bool:
@@ -261,25 +280,26 @@ def _units(mechanism: Mechanism) -> tuple[str, ...]:
 def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     """The motion in words, and a warning where the rigid mechanism cannot follow it."""
     description = mechanism.description
-    if description.motion is None:
-        return "none given: the motors hold home", []
     motion = default_motion(mechanism)
+    end = description.solve.until or motion.duration
+    late = too_late(description, end)
+    if description.motion is None:
+        return "none given: the motors hold home", late
     names = ", ".join(motion.names)
     moved = f" of the {motion.target} ({names})" if names else ""
-    end = description.solve.until or motion.duration
     words = f"{motion.kind}{moved}, {motion.duration:g} s"
     words += f", run to {end:g} s" if end != motion.duration else ""
     if mechanism.report.mobility > len(mechanism.motors):
-        return words, []
+        return words, late
     try:
         path = nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
     except SceneError as error:
-        return f"{words}: cannot be followed", [f"motion: {error}"]
+        return f"{words}: cannot be followed", [*late, f"motion: {error}"]
     axes, motors = motor_axes(mechanism), description.actuated
     at = dict(zip(motors, np.transpose([axes.read(q) for q in path.q]), strict=True))
     turning = dict(zip(motors, path.v[:, axes.v_at].T, strict=True))
     beyond = doubts.beyond_on_the_way(description, at, turning)
-    return f"{words}: the rigid mechanism can follow it", [f"motion: {x}" for x in beyond]
+    return f"{words}: the rigid mechanism can follow it", [*late, *(f"motion: {x}" for x in beyond)]
 
 
 # The report of a check.
@@ -345,8 +365,15 @@ def _loops(c: Check) -> Block:
         return "Loops: none"
     home = (
         f"home: found by a search ({plural(c.report.starts, 'start')}), as the loops are far "
-        "from closed at the values given, zero for the others. There may be other closed poses: "
-        "`home` chooses. `pinflex check MODEL --write-home` writes this one into the YAML"
+        "from closed at the values given, zero for the others. "
+        if c.report.starts
+        else "home: closing the loops moved joints from the values given, zero for the others. "
+    )
+    stand = [f"{name} {x:.3g}" for name, x in c.moved.items()]
+    home += f"They stand at {doubts.listed(stand)}. " if stand else ""
+    home += (
+        "There may be other closed poses, such as elbows to the other side: `home` chooses. "
+        "`pinflex check MODEL --write-home` writes this one into the YAML"
     )
     sigma = c.report.sigma_min
     state = "close to a singular pose" if sigma < _NEAR else "well away from a singular pose"
@@ -360,7 +387,7 @@ def _loops(c: Check) -> Block:
             f"{c.report.rows} rows, rank {c.report.rank}",
             *(f"redundant: {row}" for row in c.report.redundant),
         ])),
-        lines(home if c.report.starts else "", indent="    ", first=""),
+        lines(home if c.report.starts or c.moved else "", indent="    ", first=""),
         "" if math.isnan(sigma)
         else f"sigma_min {number(sigma)} at home (0 is singular, below {_NEAR:g} near it): {state}",
     )  # fmt: skip

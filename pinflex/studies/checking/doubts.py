@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
+from pinflex.mechanics.model.tree import Link, poses_of, sliding
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
 from pinflex.text import percent, plural
 
@@ -46,7 +48,7 @@ def ignored(description: Description) -> list[str]:
             name for name, leader in leaders.items() if leader not in tree.joints
         ],
     }
-    return [text.format(_list(names)) for text, names in notes.items() if names]
+    return [text.format(listed(names)) for text, names in notes.items() if names]
 
 
 def _unused_rubbing(tree: Source, dynamics: bool) -> dict[str, list[str]]:
@@ -74,7 +76,7 @@ def used(description: Description) -> str:
     for key in ("damping", "friction"):
         names = [name for name in _moving(tree, key) if _as_written(description, tree, name, key)]
         if names:
-            parts.append(f"{key} of the URDF ({_list(names)})")
+            parts.append(f"{key} of the URDF ({listed(names)})")
     if not parts:
         return ""
     return f"{' and '.join(parts)}; `use_urdf_dynamics: false` leaves them out"
@@ -151,7 +153,8 @@ def beyond_on_the_way(
     return found
 
 
-def _list(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """The first names, and dots for more."""
     return ", ".join(names[:_SOME]) + (", ..." if len(names) > _SOME else "")
 
 
@@ -174,12 +177,76 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
         *_sag_warnings(rest, links),
         *heavy(mechanism.links),
+        *slips(mechanism),
         *ignored(description),
         *description.notes,
         *beyond_limits(
             description, mechanism, rest.holding_full or rest.holding_linear or rest.holding_rigid
         ),
     )
+
+
+_TURN = 2 * np.pi + 1e-3  # rad: no origin is written with a larger angle,
+_TURNS = 30.0, 720.0  # rad: and few motors have so wide a range; a wider one means any angle
+_FAR = 3.0  # times the reach of the robot: a radius of gyration that no link of it has
+_THIN = 10.0  # kg/m^3: lighter than foam
+
+
+def slips(mechanism: Mechanism) -> list[str]:
+    """Values that are allowed, and mostly a slip of sign or unit, or something forgotten."""
+    description, links, found = mechanism.description, mechanism.links, []
+    gx, gy, gz = description.gravity
+    if gz > max(abs(gx), abs(gy)):
+        found.append(
+            f"gravity: {gz:g} m/s^2 along +z, so that the robot falls upward. Write [0, 0, "
+            f"{-gz:g}], unless z of the world points down."
+        )
+    root = ET.fromstring(description.urdf_text.strip())
+    known, angles = limits(description.urdf_text), []
+    turning = {*mechanism.motors} - sliding(mechanism.rigid.rigid)
+    for joint in root.findall("joint"):
+        name, origin = joint.get("name", ""), joint.find("origin")
+        turned = [] if origin is None else (origin.get("rpy") or "").split()
+        one = known.get(name, Limits())
+        most = max(abs(one.lower), abs(one.upper)) if name in turning else 0.0
+        wide = _TURNS[0] < most <= _TURNS[1]
+        if wide or any(abs(float(x)) > _TURN for x in turned):
+            angles.append(f"{name} ({'limits' if wide else 'rpy'})")
+    if angles:
+        found.append(f"angles that look like degrees: {listed(angles)}. A URDF has radians.")
+    carried = [k for k, link in enumerate(links) if link.weighs or link.name in mechanism.parts]
+    bare = [
+        f"{link.name} (moved by {link.joint})"
+        for k, link in enumerate(links)
+        if link.joint in mechanism.motors and not any(_rides(links, x, k) for x in carried)
+    ]
+    if bare:
+        found.append(f"no mass: {listed(bare)}. Is an <inertial> missing in the URDF?")
+    reach = max(float(np.linalg.norm(pose.translation)) for pose in poses_of(links))
+    spread = [
+        f"{link.name} {radius:.3g} m"
+        for link in links
+        if link.inertia.mass > 0
+        and (radius := np.sqrt(np.abs(link.inertia.inertia).max() / link.inertia.mass))
+        > _FAR * reach
+        > 0
+    ]
+    if spread:
+        found.append(
+            f"radii of gyration beyond the whole robot ({reach:.3g} m): {listed(spread)}. Moments "
+            "of inertia are in kg m^2."
+        )
+    thin = [p.link for p in mechanism.parts.values() if 0 < (p.spec.material.rho or 0.0) < _THIN]
+    if thin:
+        found.append(f"rho below {_THIN:g} kg/m^3: {listed(thin)}. Steel has 7850 kg/m^3.")
+    return found
+
+
+def _rides(links: Sequence[Link], number: int, on: int) -> bool:
+    """Whether a link is another one or fixed to it."""
+    while number != on and number >= 0 and not links[number].steps:
+        number = links[number].parent
+    return number == on
 
 
 def _link_warnings(link: LinkCheck) -> list[str]:
@@ -264,7 +331,7 @@ def _loose_at_home(mechanism: Mechanism) -> list[str]:
         if free
         else ""
     )
-    return [f"loose at home under what acts there: {_list(list(names))} bear no force.{more}"]
+    return [f"loose at home under what acts there: {listed(list(names))} bear no force.{more}"]
 
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import yaml
 
 from pinflex.advice.solve import solve
@@ -32,7 +31,8 @@ from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
-from pinflex.studies.scenes.proposals import with_home
+from pinflex.studies.scenes.proposals import home_values, with_home
+from pinflex.text import plural
 from pinflex.viewer.surfaces import Surface, surfaces_of
 from pinflex.writing import replaced
 
@@ -206,43 +206,6 @@ def quoted(name: str) -> str:
 # The closed pose of a mechanism as the block `home` of its YAML, and writing it there.
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_ZERO = 5e-10  # [rad | m] a value that is not written: joints stand at zero anyway
-
-
-def home_values(mechanism: Mechanism) -> dict[str, float | list[float]]:
-    """Value of each joint at home, as `home` takes it; joints at zero are left out."""
-    model, q = mechanism.rigid.rigid, mechanism.home
-    found: dict[str, float | list[float]] = {}
-    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        part = q[joint.idx_q : joint.idx_q + joint.nq]
-        if joint.nv == 1 and joint.nq == 2:  # a continuous joint: cosine and sine
-            part = np.array([np.arctan2(part[1], part[0])])
-        elif joint.nv == 3 and joint.nq == 4 and joint.shortname() == "JointModelPlanar":
-            part = np.array([*part[:2], np.arctan2(part[3], part[2])])
-        values = [float(f"{x:.9g}") for x in part]
-        stem = name.rpartition(".")[0]
-        if stem and mechanism.description.joints.get(stem) is not None:
-            both = found.setdefault(stem, [])  # NAME.1 and NAME.2 are the axes of a universal joint
-            assert isinstance(both, list)
-            both.append(values[0])
-            continue
-        found[name] = values[0] if joint.nv == 1 else values
-    neutral = pin.neutral(model)
-    return {
-        name: value
-        for name, value in found.items()
-        if {name, f"{name}.1"} & {*mechanism.description.home}
-        or not _at_rest(model, neutral, name, value)
-    }
-
-
-def _at_rest(model: pin.Model, neutral: Array, name: str, value: float | list[float]) -> bool:
-    if model.existJointName(name):
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq > 2 and joint.shortname() != "JointModelPlanar":
-            rest = neutral[joint.idx_q : joint.idx_q + joint.nq]
-            return bool(np.max(np.abs(rest - value)) < _ZERO)
-    return bool(np.max(np.abs(value)) < _ZERO)
 
 
 def write_home(mechanism: Mechanism) -> Path:
@@ -367,7 +330,7 @@ def _motors(tree: Source, closed: bool) -> dict[str, Any]:
     ]
     found = [name for name in dict.fromkeys(found) if name in single]
     if not found and closed:
-        found = [name for name in single if re.search("mot|act", name, re.I)]
+        found = [name for name in single if proposals.MOTOR.search(name)]
     return {"actuated": found} if found or closed else {}
 
 
@@ -485,9 +448,10 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
     else:
         mobility, named = ways.closed.report.mobility, len(ways.motors)
         why = f"mobility {mobility} with these loops"
-        why += (
-            "" if mobility == named else ": a joint is of another type, or a motor is not named so"
-        )
+        if not named:
+            why += f": name {plural(mobility, 'joint')} with a motor"
+        elif mobility != named:
+            why += ": a joint is of another type, or a motor is not named so"
     return [*lines, f"# actuated: [{motors}]  # {why}"]
 
 

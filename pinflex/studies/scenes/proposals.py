@@ -36,7 +36,7 @@ _FINGER = re.compile(
     r"finger|thumb|(^|_)(index|middle|ring|pinky|little|knuckle|jaw|ph)(\d|_|$)", re.I
 )
 _SENSOR = re.compile(r"camera|laser|imu|optical|sensor|rgb|depth|lidar|gnss|(^|_)head|eye", re.I)
-_MOTOR = re.compile("mot|act", re.I)
+MOTOR = re.compile("mot|act|drive(?!n)|servo", re.I)
 _TYPES = {  # which URDF lacks, so that files draw another in their place
     "spherical": re.compile("ball|spher", re.I),
     "universal": re.compile("univ|cardan|u_?joint", re.I),
@@ -169,7 +169,7 @@ def _named_types(tree: Source) -> dict[str, str]:
 def named_motors(tree: Source) -> tuple[str, ...]:
     """Joints whose names say that they have a motor, where not all do."""
     ones = single(tree)
-    found = tuple(joint.name for joint in ones if _MOTOR.search(joint.name))
+    found = tuple(joint.name for joint in ones if MOTOR.search(joint.name))
     return found if len(found) < len(ones) else ()
 
 
@@ -285,6 +285,47 @@ def _axis(mechanism: Mechanism, pair: Loop) -> str:
     local = data.oMf[frames[0]].rotation.T @ turns
     along = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) > _NEAR)
     return "xyz"[along[0]] if len(along) == 1 else ""
+
+
+# Home as the block `home` takes it.
+
+_ZERO = 5e-10  # [rad | m] a value that is not written: joints stand at zero anyway
+
+
+def home_values(mechanism: Mechanism) -> dict[str, float | list[float]]:
+    """Value of each joint at home, as `home` takes it; joints at zero are left out."""
+    model, q = mechanism.rigid.rigid, mechanism.home
+    found: dict[str, float | list[float]] = {}
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        part = q[joint.idx_q : joint.idx_q + joint.nq]
+        if joint.nv == 1 and joint.nq == 2:  # a continuous joint: cosine and sine
+            part = np.array([np.arctan2(part[1], part[0])])
+        elif joint.nv == 3 and joint.nq == 4 and joint.shortname() == "JointModelPlanar":
+            part = np.array([*part[:2], np.arctan2(part[3], part[2])])
+        values = [float(f"{x:.9g}") for x in part]
+        stem = name.rpartition(".")[0]
+        if stem and mechanism.description.joints.get(stem) is not None:
+            both = found.setdefault(stem, [])  # NAME.1 and NAME.2 are the axes of a universal joint
+            assert isinstance(both, list)
+            both.append(values[0])
+            continue
+        found[name] = values[0] if joint.nv == 1 else values
+    neutral = pin.neutral(model)
+    return {
+        name: value
+        for name, value in found.items()
+        if {name, f"{name}.1"} & {*mechanism.description.home}
+        or not _at_rest(model, neutral, name, value)
+    }
+
+
+def _at_rest(model: pin.Model, neutral: Array, name: str, value: float | list[float]) -> bool:
+    if model.existJointName(name):
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq > 2 and joint.shortname() != "JointModelPlanar":
+            rest = neutral[joint.idx_q : joint.idx_q + joint.nq]
+            return bool(np.max(np.abs(rest - value)) < _ZERO)
+    return bool(np.max(np.abs(value)) < _ZERO)
 
 
 # A YAML text with another `home`; every other byte stays as its author wrote it.

@@ -213,3 +213,14 @@ def test_saddles_with_mass_are_solved_and_with_rows_on_no_mass_too() -> None:
     J = np.array([[1.0, -1.0]])
     a, lam = saddle(np.diag([2.0, 0.0]), J, J, np.array([3.0, 0.0]), np.zeros(1))
     np.testing.assert_allclose([*a, *lam], [1.5, 1.5, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-44, -1e-31, 1e-20])
+def test_the_round_off_of_a_hinge_without_stiffness_is_no_scale(noise: float) -> None:
+    """A force f on a hinge that bends a rod over an arm l: it turns by f / (k l^2)."""
+    k, arm, f = 1e6, 0.3, 2.0
+    A, J = np.diag([noise, k]), np.array([[arm, -1.0]])
+    (turn, bend), lam = saddle(A, J, J, np.array([f, 0.0]), np.zeros(1))
+    # 1e-12: round-off, times the condition of the scaled matrix, 1e3
+    np.testing.assert_allclose([turn, bend, lam[0]], [f / (k * arm**2), f / (k * arm), -f / arm],
+                               rtol=1e-12)  # fmt: skip

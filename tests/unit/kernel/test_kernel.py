@@ -34,8 +34,7 @@ import pytest
 import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.arrays import Array
-from pinflex.bodies.basis import Curvature, FlexibleBody
-from pinflex.bodies.family import Family
+from pinflex.bodies.basis import Curvature
 from pinflex.description.blocks.joints import Coupling
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import KernelWarning, PinflexError
@@ -46,12 +45,13 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.evaluation.compiled import Compiled, evaluated_by, serves
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import Frame, closure_motion, frame_poses
-from pinflex.mechanics.evaluation.kernel_tables import KNOWN, SYSTEM, uncovered
-from pinflex.mechanics.model.loads import AddedMasses, Attachment, Expansion, Loads, Slot, Springs
+from pinflex.mechanics.evaluation.kernel_tables import uncovered
+from pinflex.mechanics.model.loads import AddedMasses, Expansion, Loads, Slot, Springs
 from pinflex.mechanics.model.system import System
 from pinflex.mechanics.reference.evaluator import Reference
 from tests.every_model import NAMES, WHICH, at_home, manifold, mechanism
 from tests.property.trees import tree
+from tests.sound_tables import UnsoundTables
 
 # The same sums in another order, up to a few thousand terms; seen: 2e-15 of the largest force.
 SAME = 1e-11
@@ -375,10 +375,10 @@ def test_sizes_and_indices_are_checked_at_the_boundary() -> None:
     counts, arrays = system.tables.__reduce__()[1]
     for name, wrong in (("node_v", 1_000_000), ("parent", 1_000_000), ("kind", 7), ("phi_at", -1)):
         bad = {**arrays, name: np.full_like(arrays[name], wrong)}
-        with pytest.raises((PinflexError, ValueError, IndexError)):
-            Tables(counts, bad)
+        with pytest.raises((UnsoundTables, PinflexError, ValueError, IndexError)):
+            Tables(counts, bad)  # see `conftest.py`
     for name, wrong in (("x_at", 0), ("block_of", 0), ("block_above", -1), ("node_block", 0)):
-        with pytest.raises(PinflexError, match="do not fit their paths"):
+        with pytest.raises(UnsoundTables, match="do not fit their paths"):
             Tables(counts, {**arrays, name: np.full_like(arrays[name], wrong)})
     with pytest.raises(PinflexError, match="entries, not"):
         Tables(counts, {**arrays, "mass": arrays["mass"][1:]})
@@ -396,20 +396,8 @@ def test_tables_travel_to_other_processes() -> None:
     )
 
 
-def test_what_the_kernel_does_not_know_it_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A new field of these records may be a new term: teach it to the kernel, then to KNOWN."""
-    for record, known in (*KNOWN.items(), (System, SYSTEM)):
-        assert {field.name for field in dataclasses.fields(record)} == known, record
-    for record, name in ((Slot, "offset"), (FlexibleBody, "K"), (Attachment, "placement")):
-        with monkeypatch.context() as patch:
-            patch.setitem(KNOWN, record, KNOWN[record] - {name})
-            assert uncovered(pf.load("3rrr").flexible) == f"{record.__name__}.{name}"
-    with monkeypatch.context() as patch:
-        patch.delitem(KNOWN, Family)
-        assert uncovered(pf.load("3rrr").flexible) == "Family"
-    with monkeypatch.context() as patch:
-        patch.setitem(KNOWN, Loads, KNOWN[Loads] - {"springs"})
-        assert uncovered(pf.load("3rrr").flexible) == "Loads.springs"
+def test_what_the_kernel_does_not_know_it_does_not_do() -> None:
+    """Kinds of joints; records and their fields: test_terms.py."""
     model = pin.Model()
     model.addJoint(0, pin.JointModelHZ(), pin.SE3.Identity(), "screw")
     assert uncovered(bare(model)) == "joint of Pinocchio's kind HZ"

@@ -1,0 +1,97 @@
+"""What `check` says of slips of sign and unit, of what comes too late, and of the branch taken."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinflex as pf
+from pinflex.studies.study import study
+from tests.scenes import Body, load
+
+ARM = [
+    Body("upper", "base", "revolute", mass=2.0, com=(0.2, 0, 0), inertia=(0.01, 0.03, 0.03)),
+    Body("fore", "upper", "revolute", (0.4, 0, 0), mass=1.0, com=(0.2, 0, 0),
+         inertia=(0.01, 0.02, 0.02)),
+    Body("hand", "fore", xyz=(0.4, 0, 0), mass=0.5),
+]  # fmt: skip
+BEND = """platform: hand
+flexible: {fore: {material: steel, section: {shape: circle, diameter: 0.02}}}
+motion: {kind: cycloid, joints: {upper_joint: 0.5}, duration: 0.5}
+"""
+
+
+def told(folder: Path, bodies: list[Body] = ARM, *changes: str, inertia: str = "urdf") -> str:
+    return " ".join(pf.check(load(folder, bodies, BEND, changes, inertia=inertia)).warnings)
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ("gravity=[0, 0, 9.81]", "falls upward. Write [0, 0, -9.81]"),
+    ("flexible.fore.material={E: 2e11, nu: 0.3, rho: 7.85}", "rho below 10 kg/m^3: fore"),
+    ("payload={at: hand, mass: 1, from: 0.5}", "payload (0.5 s): not before the end of the run"),
+    ("forces={push: {at: hand, force: [1, 0, 0], start: 2}}", "forces.push (2 s): not before"),
+])  # fmt: skip
+def test_values_that_are_mostly_slips_are_named(change: str, said: str, tmp_path: Path) -> None:
+    assert said not in told(tmp_path)
+    assert said in told(tmp_path, ARM, change)
+
+
+@pytest.mark.parametrize(("slip", "said"), [
+    ({"rpy": (0, 0, 90)}, "angles that look like degrees: upper_joint (rpy)"),
+    ({"mass": 0.0, "inertia": (0, 0, 0)}, "no mass: upper (moved by upper_joint)"),
+    ({"inertia": (1e4, 3e4, 3e4)}, "radii of gyration beyond the whole robot (0.8 m): upper 122 m"),
+])  # fmt: skip
+def test_so_are_those_of_the_urdf(slip: dict[str, object], said: str, tmp_path: Path) -> None:
+    assert said not in told(tmp_path)
+    assert said in told(tmp_path, [replace(ARM[0], **slip), *ARM[1:]])
+
+
+def test_compare_says_it_too(tmp_path: Path) -> None:
+    robot = load(tmp_path, ARM, BEND, ["gravity=[0, 0, 9.81]"], inertia="urdf")
+    notes = study(robot, levels=("rigid", "ked")).table.notes
+    assert any("falls upward" in note for note in notes)
+
+
+def test_limits_in_degrees(tmp_path: Path) -> None:
+    load(tmp_path, ARM, BEND, inertia="urdf")
+    file = tmp_path / "scene.urdf"
+    limits = re.compile('lower="[^"]*" upper="[^"]*"')
+    file.write_text(limits.sub('lower="-170" upper="170"', file.read_text(), count=1))
+    said = " ".join(pf.check(pf.load(tmp_path / "scene.yaml")).warnings)
+    assert "angles that look like degrees: upper_joint (limits). " in said
+
+
+def test_a_run_says_what_comes_after_its_end(tmp_path: Path) -> None:
+    late = "payload={at: hand, mass: 1, from: 0.5}"
+    run = pf.solve(load(tmp_path, ARM, BEND, [late]), level="rigid")
+    assert any("payload (0.5 s): not before the end" in text for text in run.meta["warnings"])
+
+
+@pytest.mark.parametrize(("guess", "side"), [(1.2, -1), (-1.2, 1)])
+def test_the_branch_that_closing_takes_is_told(guess: float, side: int, tmp_path: Path) -> None:
+    """A parallel five-bar, elbows 0.2 apart, couplers 0.4: both by the triangle that they make."""
+    bar = {"mass": 0.1, "inertia": (1e-3, 1e-3, 1e-3)}
+    bodies = [
+        Body(f"{part}_{s}", on, "continuous", (x, 0, 0), com=(0.1, 0, 0), **bar)
+        for s, x in (("l", -0.1), ("r", 0.1))
+        for part, on, x in (("crank", "base", x), ("rod", f"crank_{s}", 0.25))
+    ]
+    bodies += [Body(f"end_{s}", f"rod_{s}", xyz=(0.4, 0, 0)) for s in "lr"]
+    robot = load(tmp_path, bodies, (
+        "actuated: [crank_l_joint, crank_r_joint]\nloops: {pin: {kind: revolute, between: "
+        f"[end_l, end_r]}}}}\nhome: {{rod_l_joint: {guess}}}\n"
+    ))  # fmt: skip
+    inner = np.arccos(0.1 / 0.4)  # of the triangle 0.4, 0.4, 0.2 at its base
+    found = pf.check(robot)
+    assert found.moved == pytest.approx(
+        {"rod_l_joint": -side * inner, "rod_r_joint": -side * (np.pi - inner)}, abs=1e-8
+    )
+    assert "`home` chooses" in str(found)
+    there = pf.load(
+        robot.description.with_overrides([f"home.{n}={x}" for n, x in found.moved.items()])
+    )
+    assert not pf.check(there).moved
