@@ -5,9 +5,22 @@ from __future__ import annotations
 import dataclasses
 import reprlib
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+else:
+
+    def dataclass_transform(**_: object) -> Callable[[Any], Any]:
+        """What Python 3.10 does not have yet: it tells type checkers alone something."""
+        return lambda function: function
+
+
+C = TypeVar("C")
 
 COLUMNS = 100  # width that every block of text fits
 _BRIEF = 180  # characters of a record in one line
@@ -70,6 +83,19 @@ def brief(record: object) -> str:
         words.append(f"{item.name}={shown}")
     text = f"{type(record).__name__}({', '.join(words)})"
     return text if len(text) < _BRIEF else f"{text[: _BRIEF - 5]}...)"
+
+
+@overload
+def frozen(cls: type[C], /) -> type[C]: ...
+@overload
+def frozen(*, eq: bool) -> Callable[[type[C]], type[C]]: ...
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+def frozen(cls: Any = None, /, *, eq: bool = True) -> Any:
+    """A frozen dataclass whose repr is one line (`brief`); `eq`: whether equal by its fields."""
+    if cls is None:
+        return partial(frozen, eq=eq)
+    cls.__repr__ = brief
+    return dataclasses.dataclass(frozen=True, eq=eq)(cls)
 
 
 def short(name: str, width: int) -> str:

@@ -11,10 +11,18 @@ _SECTION = re.compile(r"(?m)(?<!\n)\n(?=(Args|Attributes|Returns|Raises|Yields|S
 
 
 class Sections(griffe.Extension):
-    """Adds the empty line that griffe wants before each section, and an indented text to it."""
+    """Adds the empty line that griffe wants before each section, and an indented text to it.
+
+    And lets it see the dataclass that `frozen` makes.
+    """
 
     def on_instance(self, *, obj: griffe.Object, **unused: Any) -> None:
         """One object of the package."""
+        if isinstance(obj, griffe.Class):
+            for decorator in obj.decorators:
+                if str(decorator.value).startswith("frozen"):
+                    decorator.value = griffe.ExprName("dataclass", parent="dataclasses")
+                    obj.labels.add("dataclass")
         if obj.docstring is not None:
             obj.docstring.value = spaced(obj.docstring.value)
 

@@ -24,9 +24,8 @@ from pinflex.description.motions.laws import SNAP
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import SceneError
 from pinflex.mechanics import assembly
-from pinflex.mechanics.evaluation.equations import Followed
 from pinflex.mechanics.model.loads import Loads
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
 
 # Of many instants every so manyth is known before the others; of a motion at least so many.
 _EVERY, _LEAST = 16, 6
-_KEPT = 4  # of a run: at its samples, where a platform's motor motion is interpolated, for scales
 _CORRECTIONS = 5  # from a quintic two are usual
 _FINE_GRID = (
     100  # steps that a motion is followed in where that is needed, however few are asked for
@@ -50,14 +48,12 @@ _FINE_GRID = (
 _NEAR = 0.1  # of the way between known instants: a prediction further off follows no branch
 
 
-@dataclass(frozen=True)
+@frozen
 class Nominal:
     """Rigid motion at given times: t (nt,), q (nt, nq), v and a (nt, nv).
 
     `said` tells where it is none: a sentence, or "".
     """
-
-    __repr__ = brief
 
     t: Array
     q: Array
@@ -101,30 +97,21 @@ def nominal_and_more(
     found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
     for x in (found.t, found.q, found.v, found.a):
         x.setflags(write=False)
-    Followed.keep(mechanism.followed.nominals, (motion, found), _KEPT)
-    return found, others
+    return mechanism.followed.nominals.keep(motion, t.tobytes(), found), others
 
 
 def _solved(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     """The motion at times t alone, whatever was asked before."""
-    for moved, known in mechanism.followed.solved:
-        if moved is motion and np.array_equal(known.t, t):
-            found: Nominal = known
-            return found
-    found = _closed_loops(Path(mechanism, motion), t)
-    Followed.keep(mechanism.followed.solved, (motion, found), _KEPT)
-    return found
+    solved = mechanism.followed.solved
+    return solved.get(motion, t.tobytes(), lambda: _closed_loops(Path(mechanism, motion), t))
 
 
 def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
     """What needs no solving: open trees, and the last few motions."""
     if motion.target == "joints" and mechanism.rigid.closed.n == 0:
         return _open_tree(mechanism, motion, t)
-    for moved, known in mechanism.followed.nominals:
-        if moved is motion and np.array_equal(known.t, t):
-            found: Nominal = known
-            return found
-    return None
+    known: Nominal | None = mechanism.followed.nominals.find(motion, t.tobytes())
+    return known
 
 
 def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
@@ -314,16 +301,13 @@ def motor_path(mechanism: Mechanism, motion: Motion, t: Array) -> MotorPath:
 
 def path_between(mechanism: Mechanism, motion: Motion, start: float, end: float) -> MotorCurve:
     """Motor motion as a function of times in [start, end] s."""
-    for moved, ends, path in mechanism.followed.paths:
-        if moved is motion and ends == (start, end):
-            known: MotorCurve = path
-            return known
-    if motion.target == "joints":
-        found = MotorCurve(joint_curve(mechanism, motion))
-    else:
-        found = _interpolated(mechanism, motion, start, end)
-    Followed.keep(mechanism.followed.paths, (motion, (start, end), found), _KEPT)
-    return found
+
+    def made() -> MotorCurve:
+        if motion.target == "joints":
+            return MotorCurve(joint_curve(mechanism, motion))
+        return _interpolated(mechanism, motion, start, end)
+
+    return mechanism.followed.paths.get(motion, (start, end), made)
 
 
 def _interpolated(
@@ -416,7 +400,7 @@ def _bernstein(coefficients: Array, left: IntArray, x: Array) -> Array:
 _BEFORE_END = 1e-4
 
 
-@dataclass(frozen=True)
+@frozen
 class TorqueDrive:
     """tau = feed_forward + kp (position error) + kd (velocity error), per motor.
 
@@ -425,8 +409,6 @@ class TorqueDrive:
         feed_forward: N m | N at the steps of a run, shape (nt, nm).
         forward: The same as a function of times, (k,) to (k, nm).
     """
-
-    __repr__ = brief
 
     kp: Array
     kd: Array

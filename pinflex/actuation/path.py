@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from pinflex.mechanics.evaluation.frames import PlatformCoordinates, poses_of_fr
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.model.loads import Attachment
 from pinflex.mechanics.reference.evaluator import Kinematics
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 # The motors: where they sit in the coordinates, and their motion when it is given by joint.
 
 
-@dataclass(frozen=True)
+@frozen
 class MotorAxes:
     """Where single-axis motors sit in q and v; a continuous joint keeps (cos, sin) in q.
 
@@ -35,8 +34,6 @@ class MotorAxes:
         q_at, v_at: First coordinate and row of each.
         paired: Numbers of those that keep (cos, sin).
     """
-
-    __repr__ = brief
 
     q_at: IntArray
     v_at: IntArray
@@ -68,11 +65,9 @@ class MotorAxes:
         return np.asarray(error)
 
 
-@dataclass(frozen=True)
+@frozen
 class MotorPath:
     """Motor positions, velocities, accelerations on a time grid, each (nt, nm)."""
-
-    __repr__ = brief
 
     t: Array
     position: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from pinflex.description.trajectories.waypoints import points_of
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import sliding
 from pinflex.report import card, grid
-from pinflex.text import brief
+from pinflex.text import frozen
 from pinflex.writing import write_csv, write_text
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _BETWEEN = np.arange(1, 17) / 16  # of an interval: where it is looked at; its e
 _NO_TICK = 1e-9  # of an interval: round-off of its end
 
 
-@dataclass(frozen=True)
+@frozen
 class Setpoints:
     """Rows of a motion at equal times, and how far what a controller makes of them is off.
 
@@ -50,8 +50,6 @@ class Setpoints:
         torque: Of motors [N m | N], shape (n, names), where it is known.
         more: Further columns by heading, shape (n,) each.
     """
-
-    __repr__ = brief
 
     names: tuple[str, ...]
     units: tuple[str, ...]

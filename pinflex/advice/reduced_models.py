@@ -24,7 +24,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, resolve
 from pinflex.report import Block, Report, Reported, bullets, lines, table
 from pinflex.results.verdict import BAND, criterion
-from pinflex.text import brief, percent
+from pinflex.text import frozen, percent
 
 Errors = dict[str, float]
 Changes = dict[str, dict[str, int] | None]  # of keys of links; None: the link is rigid
@@ -294,7 +294,7 @@ def error_bar(e: float) -> str:
     return "over 100 %" if 1.0 < e < inf else percent(e)
 
 
-@dataclass(frozen=True)
+@frozen
 class Advice(Reported):
     """A proposal and what it rests on.
 
@@ -314,8 +314,6 @@ class Advice(Reported):
         notes: What weakens the advice.
         seconds: What it cost.
     """
-
-    __repr__ = brief
 
     name: str
     tol: float

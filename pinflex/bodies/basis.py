@@ -41,7 +41,7 @@ from pinflex.bodies.family import (
     sines,
 )
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.bodies.superelement import Superelement
@@ -122,7 +122,7 @@ def curvature(
 SECTIONS = 21
 
 
-@dataclass(frozen=True)
+@frozen
 class Cut:
     """Sections of one body: deflection rows and the balance operator.
 
@@ -132,8 +132,6 @@ class Cut:
         outer: Integrates station forces over the part beyond x: shape (nx, ns).
         outer_twist: The same for twist stations, shape (nx, nt).
     """
-
-    __repr__ = brief
 
     x: Array
     Phi: Array
@@ -202,7 +200,7 @@ def ritz8(length: float, direction: str, shear_ratio: float) -> Family:
 _THIN = 0.2  # sqrt(EI2 GJ) / EI1: a strip 2.3 times as high as wide; it buckles at a sag of L/4
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class FlexibleBody:
     """Stations, stiffness and damping of a beam in coordinates eta.
 
@@ -229,8 +227,6 @@ class FlexibleBody:
         curvature: Its energy of fourth order, where `third_order` asks for it.
         rest: eta at which it is free of stress, shape (n,); None: all zero.
     """
-
-    __repr__ = brief
 
     n: int
     length: float

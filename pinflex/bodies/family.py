@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from pinflex.arrays import Array, IntArray
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Vibration modes of a uniform Euler-Bernoulli beam, in closed form and stable to any number.
 #
@@ -166,7 +166,7 @@ _HERMITE = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Functions:
     """A family at some points: each array has shape (nx, n).
 
@@ -177,15 +177,13 @@ class Functions:
         curv: Curvature rot' (1/m).
     """
 
-    __repr__ = brief
-
     f: Array
     df: Array
     rot: Array
     curv: Array
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Family:
     """n functions on [0, length].
 
@@ -199,8 +197,6 @@ class Family:
         function: x (nx,) -> Functions.
         shear: Whether df and rot differ.
     """
-
-    __repr__ = brief
 
     n: int
     length: float

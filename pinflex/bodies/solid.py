@@ -19,7 +19,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.material import Material
 from pinflex.description.files import MOST_DATA, require_regular
 from pinflex.errors import DescriptionError, nearest
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Solid meshes: read from a file, or built for a stepped round rod, with their named faces.
 #
@@ -33,7 +33,7 @@ _NEAR_STEP = np.array([0.1, 0.35])  # a cell beside a step is cut here, for the 
 _FLAT = 1e-6  # volume of a cell below this share of its bounding cube: it has none
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Mesh:
     """A solid mesh with quadratic displacements.
 
@@ -42,8 +42,6 @@ class Mesh:
         element: Its scalar, quadratic scikit-fem element.
         regions: Node numbers of each interface, in the order in which they were asked for.
     """
-
-    __repr__ = brief
 
     cells: Any
     element: Any
@@ -286,7 +284,7 @@ _FREE = 1e-6  # the same for the forces with which K resists a motion of the rig
 _SPEED = (1.0, 1e5)  # speed of sound in a solid [m/s]; rubber has 30, diamond 12 000
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Solid:
     """An unsupported elastic body.
 
@@ -297,8 +295,6 @@ class Solid:
         regions: Nodes of each interface; the first is held in the frame of the body.
         field: The finite elements behind it; None for given matrices.
     """
-
-    __repr__ = brief
 
     nodes: Array
     K: Any

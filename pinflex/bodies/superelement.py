@@ -25,7 +25,7 @@ from pinflex.bodies import beam
 from pinflex.bodies.basis import SECTIONS, Cut, FlexibleBody
 from pinflex.bodies.solid import Solid
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # The inertia of a deforming solid as a few mass points, and its motion at sections.
 #
@@ -110,7 +110,7 @@ def outer_mass(nodes: Array, z: Array, lumps: Array, x: Array, back: Array) -> t
     return force, moments.transpose(0, 2, 1)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class MassPoints:
     """Weighted points with the inertia of a body in f = 4 + 3 n fields: 1, x, y, z, the shapes.
 
@@ -121,8 +121,6 @@ class MassPoints:
             projection that keeps these products.
         error: Largest error of the points in the products, as a share of the largest entries.
     """
-
-    __repr__ = brief
 
     z: Array
     fields: Array
@@ -215,7 +213,7 @@ class Node:
     G: Array | None
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Superelement:
     """What a solid has beside the stations, K and M of any flexible body.
 
@@ -233,8 +231,6 @@ class Superelement:
             (each along x, y, z) and unit forces and moments that the interfaces need, shape
             (nc, 6, 3 ns + 6 interfaces); None without mesh.
     """
-
-    __repr__ = brief
 
     points: Array
     nodes: tuple[Node, ...]

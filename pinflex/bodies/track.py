@@ -7,7 +7,6 @@ the breaks of the families.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.polynomial import chebyshev, polynomial
 
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies import beam
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.bodies.basis import FlexibleBody
@@ -30,7 +29,7 @@ _FACTORIALS = np.array([[1.0], [1.0], [2.0], [6.0]])  # of the orders of a Taylo
 _NO_DEGREE = 1e-15  # of the largest coefficient: degrees that hold less are left out
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Series:
     """Some functions on [0, length].
 
@@ -38,8 +37,6 @@ class Series:
         breaks: Ends of the pieces (m), shape (k + 1,).
         powers: Coefficients of z^d, z from -1 to 1 on each piece, shape (k, degree + 1, functions).
     """
-
-    __repr__ = brief
 
     breaks: Array
     powers: Array
@@ -100,7 +97,7 @@ class Sections(NamedTuple):
     G: Array
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Track:
     """Series of the rows of a body.
 
@@ -110,8 +107,6 @@ class Track:
         row, i, j: Which they are, shape (entries,) each; j is -1 in Phi.
         shear: First-order shear strains (v, w) at the far end, shape (2, n).
     """
-
-    __repr__ = brief
 
     n: int
     length: float

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 MOST_TEXT = 50_000_000  # [bytes] of a YAML or URDF
 MOST_TABLE = 500_000_000  # of samples of a motion
@@ -74,7 +74,7 @@ class SourceJoint:
     mimic: tuple[str, float, float] | None = None
 
 
-@dataclass(frozen=True)
+@frozen
 class Source:
     """A checked robot file, as every later step reads it.
 
@@ -89,8 +89,6 @@ class Source:
             actuated, base, home, gravity, ...
         notes: Features of the file that are not taken over, a sentence with its line each.
     """
-
-    __repr__ = brief
 
     file: str
     text: str

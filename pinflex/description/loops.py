@@ -16,7 +16,7 @@ from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import Vec3
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 Pairs = tuple[tuple[int, int], ...]
 ALONG: Pairs = ((0, 2), (1, 2))  # axis z of b along axis z of a
@@ -115,7 +115,7 @@ def _pin_friction(value: object, where: str) -> Friction:
     return read_friction(value, where)
 
 
-@dataclass(frozen=True)
+@frozen
 class Loop:
     """A joint that closes a loop between two frames of the tree.
 
@@ -144,8 +144,6 @@ class Loop:
             of home gives to the other frame.
         at: Point of the ground instead of it [m].
     """
-
-    __repr__ = brief
 
     name: str
     kind: str

@@ -17,7 +17,7 @@ from pinflex import registered
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import RANGES
 from pinflex.errors import DescriptionError, nearest
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # St-Venant torsion: fields of shear stress for a torque of one, and torsion moduli.
 
@@ -77,7 +77,7 @@ _QUANTITIES |= {"A": "area", "Wt": "modulus", "ky": "ratio", "kz": "ratio"}
 _QUANTITIES |= dict.fromkeys(("Iy", "Iz", "J", "my", "mz"), "second moment")
 
 
-@dataclass(frozen=True)
+@frozen
 class Section:
     """A cross-section. Build it with `rectangle`, `circle`, `tube`, `i_section` or `given`.
 
@@ -95,8 +95,6 @@ class Section:
         dimensions: What it was built from, (name, value) pairs.
         my, mz: Second moments of the mass over rho [m^4]; None: Iy, Iz (not so in a composite).
     """
-
-    __repr__ = brief
 
     shape: str
     A: float

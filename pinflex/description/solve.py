@@ -13,7 +13,7 @@ from pinflex import registered
 from pinflex.description.reading import schema
 from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
-from pinflex.text import brief
+from pinflex.text import frozen
 
 LEVELS = ("rigid", "quasistatic", "ked", "coupled")
 ASKED = ("torque", "deflection", "platform")
@@ -110,7 +110,7 @@ def _word(value: object, where: str, words: Collection[str]) -> Any:
     return schema.choice(value, where, words)
 
 
-@dataclass(frozen=True)
+@frozen
 class SolveSpec:
     """What to compute.
 
@@ -141,8 +141,6 @@ class SolveSpec:
         start_speeds: Speeds at the start of joints without a prescribed motion [rad/s | m/s], and
             velocities of links' origins in the world [m/s]; level coupled.
     """
-
-    __repr__ = brief
 
     level: str = schema.word("coupled", LEVELS)
     until: float | None = schema.real(None, "time", above=0)

@@ -13,10 +13,8 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
-from pinflex.kernel.march import MarchKernel, Rows, StageKernel, Table
-from pinflex.mechanics.model.system import System
-
-_BALL, _FREE, _PLANAR = (f"JointModel{kind}" for kind in ("Spherical", "FreeFlyer", "Planar"))
+from pinflex.kernel.march import MarchKernel, StageKernel, Table
+from pinflex.mechanics.manifold import sorts_of
 
 
 class Stages:
@@ -35,7 +33,7 @@ class Stages:
             raise PinflexError("kernel: it does not serve; plain steps do.")
         found: StageKernel | None = dynamics.system.spares.acquire(self._kind)
         if found is None:
-            found = StageKernel(dynamics.compiled, method.arrays, _rows(problem))
+            found = StageKernel(dynamics.compiled, method.arrays, drive is None, _rows(problem))
         self.kernel = found
         found.take_hold(problem.sampler is not None)
         if drive is not None:
@@ -61,31 +59,13 @@ class Stages:
         return np.concatenate([path.position, path.velocity, feed, scale], axis=1)
 
 
-def _rows(problem: Problem) -> Rows:
+def _rows(problem: Problem) -> dict[str, IntArray]:
+    """Places of coordinates, as `Stages` in source/stages.h has them."""
     motors, axes = problem.motors, problem.axes
     paired = np.isin(np.arange(len(motors)), axes.paired).astype(np.intp)
-    q_at = np.asarray(axes.q_at, dtype=np.intp)
-    sorts = sorts_of(problem.dynamics.system)
-    return Rows(problem.prescribed, problem.free, motors, q_at, paired, *sorts)
-
-
-def sorts_of(system: System) -> tuple[IntArray, ...]:
-    """Coordinates and rows of plain joints, circles, balls and bodies (see `Rows`)."""
-    plain, circles, balls, bodies = [], [], [], []
-    for joint in system.rigid.joints[1:]:
-        first = joint.idx_q, joint.idx_v
-        if joint.nq == joint.nv:
-            plain += [(first[0] + k, first[1] + k) for k in range(joint.nv)]
-        elif joint.nv == 1:
-            circles.append(first)
-        elif joint.shortname() == _BALL:
-            balls.append(first)
-        else:  # the kernel covers no others
-            assert joint.shortname() in (_FREE, _PLANAR)
-            bodies.append((*first, int(joint.shortname() == _PLANAR)))
-    found = (np.array(x, dtype=np.intp).reshape(-1, 2).T for x in (plain, circles, balls))
-    columns = [column for both in found for column in both]
-    return *columns, *np.array(bodies, dtype=np.intp).reshape(-1, 3).T
+    own = {"free_at": problem.free, "motor_v": motors, "motor_paired": paired}
+    own["motor_q"] = np.asarray(axes.q_at, dtype=np.intp)
+    return own | sorts_of(problem.dynamics.system.rigid)
 
 
 # What a run prescribes in time as a table of polynomials, which the compiled march reads.

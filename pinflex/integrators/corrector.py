@@ -19,6 +19,7 @@ from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import STATE, Batch, Stages, States
 from pinflex.integrators.problem import Run
 from pinflex.kernel.march import MarchKernel
+from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import closure_motion
 
@@ -98,8 +99,8 @@ class Corrector:
 
 # Accelerations and multipliers at samples inside long steps, from the equations of motion there.
 #
-#     [ S  J' ] [  da  ]     [ r  ]
-#     [ J  0  ] [ -dlam] = - [ c'']          S = M + h C / 7 + h^2 K / 50
+#     [ S  -J' ] [ da   ]     [ r  ]
+#     [ J   0  ] [ dlam ] = - [ c'']          S = M + h C / 7 + h^2 K / 50
 #
 # The polynomial of a step's accelerations is of two orders less than that of its poses: forces and
 # stresses, which follow from accelerations, would be much less accurate inside a step than at its
@@ -174,7 +175,7 @@ class Inside:
             change = -left @ inverse.T
             moved += change
             a[:, free] += change[:, :n]
-            lam -= change[:, n:]
+            lam += change[:, n:]
             far = float(np.max(np.abs(change[:, :n]), initial=0.0))
             first = max(first, far)
             if far <= _LEFT * first:
@@ -184,16 +185,13 @@ class Inside:
         return len(block) > 1 and all(self._solve(dynamics, run, pull, half) for half in halves)
 
     def _matrices(self, dynamics: Equations, run: Run) -> tuple[Array, Array, Array] | None:
-        """Inverse of [[S, J'], [J, 0]], S - M and J in a state; None: it is singular."""
+        """Inverse of [[S, -J'], [J, 0]], S - M and J in a state; None: it is singular."""
         y, v, a, lam, t = run.y[0], run.v[0], run.a[0], run.lam[0], float(run.t[0])
         M, C, K, J = dynamics.tangent(y, v, a, lam, t)
-        free, n, rows = self.free, len(self.free), len(J)
-        at = np.ix_(free, free)
+        at, n = np.ix_(self.free, self.free), len(self.free)
         soft = (self.h * _BY_V * C + self.h**2 * _BY_Y * K)[at]
-        S = np.zeros((n + rows, n + rows))
-        S[:n, :n] = M[at] + soft
-        S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
-        size = np.ones(n + rows)
+        S = saddle_matrix(M[at] + soft, J[:, self.free])
+        size = np.ones(len(S))
         size[:n] = np.sqrt(np.maximum(np.abs(np.diag(S)[:n]), 1e-300))
         scaled = S / (size[:, None] * size)
         try:

@@ -412,25 +412,23 @@ def integrate(
     radau: Radau,
     start: tuple[Array, Array],
     t: Array,
-    breaks: Sequence[float],
+    stops: Mapping[int, Sequence[float]],
     keeper: Keeper,
     first: float = SHORT,
     scale: float = 0.0,
     pilot: bool = False,
     progress: Callable[[int, int], None] | None = None,
-    instants: Sequence[float] = (),
     judged: bool = False,
 ) -> Run:
-    """March from t[0] to t[-1] and answer at the times t.
+    """March from t[0] to t[-1] and answer at the times that the keeper has.
 
     Returns:
         States, multipliers and torques at the samples.
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    ends, together = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1)
-    stops = {RESTARTS: breaks, HOLDS: instants}
-    first, room = first * (ends[1] - ends[0]), together if judged else (_RECORDED, 1)
+    ends, room = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1) if judged else (_RECORDED, 1)
+    first = first * (ends[1] - ends[0])
     march = March(name, radau, start, ends, stops, first, room)
     march.know(scale, pilot)
     keeper.start(march.now)
@@ -465,7 +463,6 @@ def integrate(
     return run()
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def along(
     name: str,
     radau: Radau,
@@ -481,19 +478,11 @@ def along(
     the states are a smooth function of the scene's numbers. A step that Newton does not solve is
     taken in pieces: one that another design does not need differs by no more than what it leaves.
     """
-    radau.tolerance, radau.control, span = SHARP, _GIVEN, float(ends[-1] - ends[0])
-    every = {**stops, ON: ends[1:].tolist()}
-    march = March(
-        name, radau, start, (float(ends[0]), float(ends[-1])), every, span, (_RECORDED, 1)
-    )
-    keeper.start(march.now)
-    while not march.done:
-        march.advance()
-        keeper.take(march.steps)
-        march.settle(len(march.steps), 0.0)
-    steps = len(ends) - 1
-    settings: Settings = {**radau.settings, "dt": span / steps, "steps": "given"}
-    return keeper.run({**march.cost(), "steps": float(steps)}, settings)
+    radau.tolerance, radau.control, steps = SHARP, _GIVEN, len(ends) - 1
+    run = integrate(name, radau, start, ends, {**stops, ON: ends[1:].tolist()}, keeper, 1.0)
+    dt = float(ends[-1] - ends[0]) / steps
+    settings: Settings = {**run.settings, "dt": dt, "steps": "given"}
+    return replace(run, cost={**run.cost, "steps": float(steps)}, settings=settings)
 
 
 def _with_events(run: Run, events: Events) -> Run:

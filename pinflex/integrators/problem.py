@@ -19,7 +19,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.actuation.drive import Nominal, TorqueDrive
@@ -48,25 +48,17 @@ def consistent_acceleration(
         have no mass).
     """
     system = dynamics.system
-    nv, rows = system.nv, system.closed.n
-    free = np.setdiff1d(np.setdiff1d(np.arange(nv), held), system.held)
-    a = np.zeros(nv)
+    free, a = np.setdiff1d(system.unheld, held), np.zeros(system.nv)
     a[held] = a_held
-    r, _ = dynamics.residual(y, v, a, np.zeros(rows), t, control_force)
+    r, _ = dynamics.residual(y, v, a, np.zeros(system.closed.n), t, control_force)
     if tau is not None:
         r[system.motors] -= tau
-    M = dynamics.mass(y, t)
-    n = len(free)
-    S = np.zeros((n + rows, n + rows))
-    S[:n, :n] = M[np.ix_(free, free)]
-    b = np.concatenate([-r[free], np.zeros(rows)])
-    if rows:
-        _, J = dynamics.close(y)
-        S[:n, n:], S[n:, :n] = J[:, free].T, J[:, free]
-        b[n:] = -dynamics.closure_bias(y, v) - J[:, held] @ a_held
+    J, n = dynamics.close(y).J, len(free)
+    S = saddle_matrix(dynamics.mass(y, t)[np.ix_(free, free)], J[:, free])
+    b = np.concatenate([-r[free], -dynamics.closure_bias(y, v) - J[:, held] @ a_held])
     solution = _solved(S, b, n, dynamics.compiled)
     a[free] = solution[:n]
-    return a, -solution[n:]
+    return a, solution[n:]
 
 
 def _solved(S: Array, b: Array, n: int, compiled: Compiled | None) -> Array:
@@ -318,7 +310,7 @@ class Settings(TypedDict, total=False):
     interpolated: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Run:
     """States of one system over time.
 
@@ -340,8 +332,6 @@ class Run:
         several: Finds statistics of more runs, by motor, where a single one means little; or None.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
-
-    __repr__ = brief
 
     system: System
     t: Array

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -307,31 +306,7 @@ class Evaluator:
 
 # Linear systems on closures, marched by compiled code (`Linear` in source/linear_march.c).
 
-_OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
-
-
-@dataclass(frozen=True)
-class ConstantPart:
-    """Constant entries of S, C, K and J, and masks of the varying ones.
-
-    Attributes:
-        S, C, K: Shape (n, n), zero where entries vary.
-        J: Likewise, shape (rows, n).
-        varies: Entries of S, C and K that vary, shape (n, n).
-        J_varies: Those of J, shape (rows, n).
-    """
-
-    S: Array
-    C: Array
-    K: Array
-    J: Array
-    varies: BoolArray
-    J_varies: BoolArray
-
-    @property
-    def width(self) -> int:
-        """Number of values of one system."""
-        return int(3 * np.sum(self.varies) + np.sum(self.J_varies))
+OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
 
 
 def entries_of(
@@ -353,33 +328,38 @@ class LinearKernel:
 
     def __init__(
         self,
-        constant: ConstantPart,
-        h: float,
-        coefficients: tuple[float, ...],
+        constant: Mapping[str, Array],
+        varies: tuple[BoolArray, BoolArray],
+        settings: Mapping[str, float],
         systems: int,
         kept: bool,
     ) -> None:
-        """Nothing is factored yet."""
+        """Nothing is factored yet.
+
+        `constant`: S, C, K (n, n) and J (rows, n), zero where entries vary; `varies`: where those
+        of the first three, and of J, do. `settings`: h and `OF_METHOD`.
+        """
         library = kernel().functions
         if library is None:
             raise PinflexError(f"kernel: {kernel().said}.")
-        self._functions, self._systems, self._width = library, systems, constant.width
-        self.n, self.rows = constant.S.shape[0], constant.J.shape[0]
+        square, closures = varies
+        self._functions, self._systems = library, systems
+        self._width = int(3 * np.sum(square) + np.sum(closures))
+        self.rows, self.n = constant["J"].shape
         size = self.n + self.rows
         # Column by column, as the C code goes through them.
-        given = {name: getattr(constant, name).T for name in "SJ"}
-        given["col_at"], given["row"] = _columns(constant.varies)
-        given["J_col_at"], given["J_row"] = _columns(constant.J_varies)
+        given: dict[str, Any] = {name: constant[name].T for name in "SJ"}
+        given["col_at"], given["row"] = _columns(square)
+        given["J_col_at"], given["J_row"] = _columns(closures)
         for name in "CK":
-            x = getattr(constant, name)
+            x = constant[name]
             given[f"{name}_at"], given[f"{name}_row"] = _columns(x != 0.0)
             given[name] = x.T[x.T != 0.0]
         self._kept, self._lu = kept, np.empty(0 if kept else size * size)
         sizes = {"n": self.n, "rows": self.rows, "size": size, "rooms": systems if kept else 1}
         self._record = Record(
-            "Linear", sizes, given, kept=int(kept), h=h, lu=self._lu.ctypes.data,
-            **dict(zip(_OF_METHOD, coefficients, strict=True)),
-        )  # fmt: skip
+            "Linear", sizes, given, kept=int(kept), lu=self._lu.ctypes.data, **settings
+        )
         self.state = self._record.arrays["state"]
 
     def forget(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,29 +19,6 @@ Given = Mapping[str, npt.NDArray[Any]]
 _LANES = constant("LANES")  # factors of so many eigenvalues stand side by side, see newton.c
 
 
-class Rows(NamedTuple):
-    """Coordinates of a system by how they move, see `Stages` in source/stages.h.
-
-    Attributes:
-        prescribed: Whether the motors follow their motion exactly; else torques drive them.
-    """
-
-    prescribed: bool
-    free_at: IntArray
-    motor_v: IntArray
-    motor_q: IntArray
-    motor_paired: IntArray
-    plain_q: IntArray
-    plain_v: IntArray
-    circle_q: IntArray
-    circle_v: IntArray
-    ball_q: IntArray
-    ball_v: IntArray
-    body_q: IntArray
-    body_v: IntArray
-    body_flat: IntArray
-
-
 class StageKernel(Record):
     """The stages of one step at a time: `Stages` in source/stages.h.
 
@@ -51,22 +28,29 @@ class StageKernel(Record):
         table: What the last run prescribed, and of what its table was made.
     """
 
-    def __init__(self, evaluator: Evaluator, scheme: dict[str, Array], rows: Rows) -> None:
-        """`scheme`: see `Collocation.arrays`."""
+    def __init__(
+        self, evaluator: Evaluator, scheme: Given, prescribed: bool, rows: Mapping[str, IntArray]
+    ) -> None:
+        """`scheme`: see `Collocation.arrays`. `prescribed`: whether motors follow their motion.
+
+        `rows`: places of coordinates, by name.
+        """
         n, s, values = evaluator.tables.counts, len(scheme["c"]), len(scheme["forward"])
-        size = len(rows.free_at) + n["closures"]
+        size = len(rows["free_at"]) + n["closures"]
         order = (17 + 2 * ((size + 63) // 64)) * size + 1  # sparsity.h
         joined = int(evaluator.tables.arrays["joined_at"][-1])
         self.counts = {
-            **n, "s": s, "free": len(rows.free_at), "motors": len(rows.motor_v), "joined": joined
+            **n, "s": s, "free": len(rows["free_at"]), "motors": len(rows["motor_v"]),
+            "joined": joined,
         }  # fmt: skip
         sizes = self.counts | {
-            "values": values, "prescribed": int(rows.prescribed), "plain": len(rows.plain_v),
-            "circles": len(rows.circle_v), "balls": len(rows.ball_v), "bodies": len(rows.body_v),
+            "values": values, "prescribed": int(prescribed), "plain": len(rows["plain_v"]),
+            "circles": len(rows["circle_v"]), "balls": len(rows["ball_v"]),
+            "bodies": len(rows["body_v"]),
             "size": size, "sets": -(-values // _LANES), "lanes": _LANES,
             "part": 2 * (_LANES + 1) * size + n["nv"], "pivots": values * size + order,
         }  # fmt: skip
-        super().__init__("Stages", sizes, rows._asdict() | scheme)
+        super().__init__("Stages", sizes, {**rows, **scheme})
         self.evaluator, self.functions, self.work = evaluator, evaluator.functions, evaluator.work
         self.tables = evaluator.tables.address
         self.table: tuple[tuple[object, ...], Table | None] = ((), None)

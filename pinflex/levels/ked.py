@@ -39,7 +39,7 @@ from pinflex.integrators.collocation import (
 )
 from pinflex.integrators.equal_steps import STAGES, crossing
 from pinflex.integrators.problem import Run, Settings
-from pinflex.kernel.evaluate import ConstantPart, LinearKernel, entries_of
+from pinflex.kernel.evaluate import OF_METHOD, LinearKernel, entries_of
 from pinflex.kernel.library import kernel
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
@@ -239,14 +239,12 @@ class LinearMarch:
 
     @cached_property
     def _kernel(self) -> LinearKernel:
-        scheme, (square, closures) = self.scheme, self._entries
+        square, closures = self._entries
         M, C, K = (np.where(square, 0.0, x.constant) for x in self.parts[:3])
         J = np.where(closures, 0.0, self.parts[3].constant)
-        constant = ConstantPart(self._weighted(M, C, K), C, K, J, square, closures)
-        coefficients = (
-            scheme.mass_factor, scheme.beta, scheme.gamma, scheme.alpha_m, scheme.alpha_f,
-        )  # fmt: skip
-        return LinearKernel(constant, self.h, coefficients, self._steps, self._shared)
+        constant = {"S": self._weighted(M, C, K), "C": C, "K": K, "J": J}
+        settings = {"h": self.h} | {name: getattr(self.scheme, name) for name in OF_METHOD}
+        return LinearKernel(constant, self._entries, settings, self._steps, self._shared)
 
 
 class RunningMarch:

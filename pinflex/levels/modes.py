@@ -8,7 +8,7 @@ follow make K unsymmetric (`levels.quasistatic`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,12 +25,12 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.levels.quasistatic import acts_without_potential, balance, coupled, rest
 from pinflex.levels.start import Moving, state_of_run
 from pinflex.linalg import condensed, negative_directions, null_space
-from pinflex.mechanics.evaluation.equations import Equations, Followed
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import card, grid
 from pinflex.results.result import Result
-from pinflex.text import brief, table
+from pinflex.text import frozen, table
 from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ WEIGHT = "weight"  # among the links of a mode: gravity and other loads
 _SHOWN = 0.005  # of a mode's energy: half a per cent, what is not shown as 0 %
 
 
-@dataclass(frozen=True)
+@frozen
 class Modes:
     """Modes at a pose.
 
@@ -174,8 +174,6 @@ class Modes:
         about: The motion that was linearised about, "" where there is none.
         mechanism: Whose modes they are, for `plot`.
     """
-
-    __repr__ = brief
 
     frequencies: Array
     shapes: Array
@@ -424,11 +422,8 @@ def default_motion(mechanism: Mechanism) -> Motion:
 
     The same object each time: what is known of a motion is found by it.
     """
-    found = mechanism.followed.motions  # modes of a shaped one are slow to find
-    if not found:
-        Followed.keep(found, _written(mechanism), 1)
-    motion: Motion = found[0]
-    return motion
+    known = mechanism.followed.motions  # modes of a shaped one are slow to find
+    return known.get(None, None, lambda: _written(mechanism))
 
 
 def _written(mechanism: Mechanism) -> Motion:

@@ -20,7 +20,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.system import System
-from pinflex.text import brief, plural
+from pinflex.text import frozen, plural
 from pinflex.threads import one_blas_thread
 
 # Loads without a potential: followers, and moments that keep their direction in space.
@@ -72,14 +72,12 @@ _STRAIGHT = 10  # iterations beyond which Newton has gone astray before it found
 STABILITY_SAMPLES = 5  # instants of a run at which stability is looked at
 
 
-@dataclass(frozen=True)
+@frozen
 class Equilibrium:
     """A balanced pose y (nq,) with v and a (nv,) there, multipliers lam (rows,), forces r (nv,).
 
     r is what is left to the motors.
     """
-
-    __repr__ = brief
 
     y: Array
     v: Array

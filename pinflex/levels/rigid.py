@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.drive import Nominal, breaks, nominal
 from pinflex.arrays import Array, spans
 from pinflex.boundary import public
 from pinflex.description.blocks.joints import Tension
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError, MotionError
+from pinflex.integrators.compiled import read, tabulated
 from pinflex.integrators.problem import Run
 from pinflex.linalg import null_space
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.kinks import made
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.tree import sliding
 
@@ -152,6 +155,42 @@ def accept(
     prices = np.concatenate([np.zeros_like(tau) if p is None else p for _, tau, p in parts])
     told = {name: prices[:, k].tolist() for k, name in enumerate(mechanism.motors)}
     return replace(run, settings={"share": {"multipliers [N]": told}})
+
+
+_INSTANTS = 401  # between which torques of a motion that is not smooth are interpolated
+
+
+def rigid_torques(
+    mechanism: Mechanism, motion: Motion, start: float, end: float
+) -> Callable[[Array], Array]:
+    """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
+
+    Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
+    interpolant. Zero where its motors do not determine its motion. Without rigid stops: what feeds
+    torques forward knows nothing of these.
+    """
+    system = mechanism.rigid
+    if system.kinks.rigid:
+        open_ended = made([row for row in system.kinks.rows if row.restitution < 0.0])
+        mechanism = replace(mechanism, rigid=replace(system, kinks=open_ended))
+
+    def exact(t: Array) -> Array:
+        times, at = np.unique(t, return_inverse=True)
+        return solve_rigid(mechanism, motion, times).torque[at]
+
+    motors = len(mechanism.rigid.motors)
+    try:
+        corners = breaks(motion, mechanism.rigid.loads)
+        table = tabulated(exact, [slice(0, motors)], start, end, corners)
+    except MotionError:
+        return lambda t: np.zeros((len(t), motors))
+    if table is not None:
+        return partial(read, table)
+    from scipy.interpolate import PchipInterpolator
+
+    # On a grid of its own: how often a run is sampled must not change what drives it.
+    t = np.linspace(start, end, _INSTANTS)
+    return PchipInterpolator(t, exact(t))  # type: ignore[no-any-return]
 
 
 # Torques of more motors than freedoms that keep every strut pulled, the least of them.

@@ -9,8 +9,6 @@ under gravity and loads: a hanging payload has no other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pinflex.actuation.drive import Nominal, nominal
@@ -25,7 +23,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.loads import require_staying
-from pinflex.text import brief
+from pinflex.text import frozen
 
 _INSTANTS = 9  # at which the modes are found, matched with those before by their shapes
 _LOOKED_AT = 9  # lowest modes
@@ -37,7 +35,7 @@ _SAMPLES = 2000, 16000  # of the motion, at least and at most; 8 for a period of
 _QUIET = 1e-9  # of the deflection under way: less after the stop is round-off
 
 
-@dataclass(frozen=True)
+@frozen
 class Ringing:
     """Modes with locked motors that a motion excites, in the order of their frequencies.
 
@@ -50,8 +48,6 @@ class Ringing:
         damping: Damping ratio in the middle [-], shape (k,).
         share: What each leaves at the platform after the stop, over the sum of all modes [-], (k,).
     """
-
-    __repr__ = brief
 
     number: IntArray
     frequencies: Array

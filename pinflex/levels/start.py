@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import joint_rows
 from pinflex.results.result import Result
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Newton iterations that `auto` spends on a load put on in parts: an equilibrium that is near takes
 # thirty, and without one nobody should wait.
@@ -44,11 +44,9 @@ _NO_STIFFNESS = 1e-9  # of the stiffest direction: round-off of one that nothing
 _STILL = 1e-9  # [m/s^2] of the heaviest coordinate: round-off of gravity across a plane is 1e-15
 
 
-@dataclass(frozen=True)
+@frozen
 class Moving:
     """A state to linearise about: y, v, a, multipliers lam, time t [s], and its name in words."""
-
-    __repr__ = brief
 
     y: Array
     v: Array
@@ -82,7 +80,7 @@ def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
     return Moving(y, v, a, lam, float(result.t[k]), about)
 
 
-@dataclass(frozen=True)
+@frozen
 class Start:
     """Where a run starts.
 
@@ -91,8 +89,6 @@ class Start:
         kind: static, straight, run or state.
         said: A sentence where it is not what one would expect, or "".
     """
-
-    __repr__ = brief
 
     y: Array
     v: Array

@@ -6,7 +6,6 @@ import gc
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,7 +18,7 @@ from pinflex.integrators.plain.alpha import MAX_ITERATIONS
 from pinflex.levels.modes import default_motion
 from pinflex.live.simulator import Simulator
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.text import brief
+from pinflex.text import frozen
 
 _SHARES = (50.0, 99.0, 99.9, 99.99)  # percentiles
 _SAME = 1e-6  # of the largest: two ends of a motion that are one
@@ -27,7 +26,7 @@ _WARM = 200  # steps, after which the length of a step is known
 _REST = 0.2  # of the motion: at rest before it comes back
 
 
-@dataclass(frozen=True)
+@frozen
 class StepCost:
     """Thread CPU time of single steps, the call from Python among it.
 
@@ -42,8 +41,6 @@ class StepCost:
         iterations: Newton iterations of a step: mean and most.
         tangents: New tangents: in all, and most of a step.
     """
-
-    __repr__ = brief
 
     name: str
     dt: float

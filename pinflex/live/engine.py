@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,10 +16,10 @@ from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
 from pinflex.kernel.march import AlphaKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.text import brief
+from pinflex.text import frozen
 
 
-@dataclass(frozen=True)
+@frozen
 class Bounds:
     """What a step may cost, and where motors stop.
 
@@ -30,8 +29,6 @@ class Bounds:
         every: Steps between two tangents at the most; 0: a new one where iterations are slow.
         stops: Lowest and highest positions of the motors (rad | m), shape (nm,) each.
     """
-
-    __repr__ = brief
 
     iterations: int = MAX_ITERATIONS
     tangents: int = 1

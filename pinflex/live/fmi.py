@@ -16,7 +16,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Slot
 from pinflex.results.quantities import joint_unit
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # What a robot without Python tells and is told: names, units and the tables behind them.
 
@@ -36,7 +36,7 @@ class Signal:
     meaning: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Outputs:
     """What a robot tells, in the order of `Model` in source/robot.h, and the tables behind it.
 
@@ -46,8 +46,6 @@ class Outputs:
         tables, numbers: Arrays and numbers of `Model`, by field.
         carried: The frame that carries a mass, which is a parameter, and that mass at first [kg].
     """
-
-    __repr__ = brief
 
     signals: tuple[Signal, ...]
     tables: dict[str, npt.NDArray[Any]]
@@ -176,7 +174,7 @@ _TIME = Signal("time", "s", "time")
 _LONGEST = 100  # characters of an identifier: file names have an end
 
 
-@dataclass(frozen=True)
+@frozen
 class Description:
     """What an FMU says of itself.
 
@@ -188,8 +186,6 @@ class Description:
         tables: Text of model.c, of which the identity is made.
         version: Of the standard, 2 or 3.
     """
-
-    __repr__ = brief
 
     name: str
     dt: float

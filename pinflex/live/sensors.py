@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.kinematics import motion_of
-from pinflex.text import brief
+from pinflex.text import frozen
 
 
-@dataclass(frozen=True)
+@frozen
 class Encoder:
     """Reads the position of a motor (rad | m), to the nearest of its steps.
 
@@ -26,13 +25,11 @@ class Encoder:
         motor: A motor. resolution: Step [rad | m]; 0: none.
     """
 
-    __repr__ = brief
-
     motor: str
     resolution: float = 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class StrainGauge:
     """Reads the normal strain [-] along a flexible link at a point of a section.
 
@@ -42,15 +39,13 @@ class StrainGauge:
         link: A flexible link. x: Place along it [m]. y, z: Point in the section [m].
     """
 
-    __repr__ = brief
-
     link: str
     x: float
     y: float = 0.0
     z: float = 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class Imu:
     """Reads specific force [m/s^2] (9.81 up where it rests) and turn rate [rad/s], shape (6,).
 
@@ -59,8 +54,6 @@ class Imu:
     Attributes:
         frame: A link frame.
     """
-
-    __repr__ = brief
 
     frame: str
 
@@ -152,7 +145,7 @@ def _imu(mechanism: Mechanism, given: Imu) -> Read:
 # What a simulator tells of an instant, and the states that it keeps.
 
 
-@dataclass(frozen=True)
+@frozen
 class Motors:
     """The motors at an instant, in the order of `robot.motors`, shape (nm,) each.
 
@@ -160,15 +153,13 @@ class Motors:
         position, velocity, acceleration: rad | m, and per second. torque: N m | N.
     """
 
-    __repr__ = brief
-
     position: Array
     velocity: Array
     acceleration: Array
     torque: Array
 
 
-@dataclass(frozen=True)
+@frozen
 class FrameNow:
     """A frame at an instant, in the world.
 
@@ -177,15 +168,13 @@ class FrameNow:
         velocity, acceleration: Of its origin, then angular [m/s, rad/s, ...], shape (6,).
     """
 
-    __repr__ = brief
-
     position: Array
     rotation: Array
     velocity: Array
     acceleration: Array
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkNow:
     """A flexible link at an instant.
 
@@ -196,19 +185,15 @@ class LinkNow:
         stress: Largest von Mises stress of each section [Pa], shape (nx,).
     """
 
-    __repr__ = brief
-
     x: Array
     deflection: Array
     strain: Array
     stress: Array
 
 
-@dataclass(frozen=True)
+@frozen
 class Snapshot:
     """All that a simulator goes on with; it belongs to the simulator that made it."""
-
-    __repr__ = brief
 
     of: int
     led: bool

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,7 @@ from pinflex import linalg
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures, size_of, translations
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.evaluation.equations import Equations
@@ -28,7 +28,7 @@ _ITERATIONS = 60  # of Newton on the closures; a step is 1 rad or m at most
 SINGULAR = 1e-6
 
 
-@dataclass(frozen=True)
+@frozen
 class LoopReport:
     """What closing the loops showed.
 
@@ -43,8 +43,6 @@ class LoopReport:
             m and rad.
         coupled: Joints that follow others: one row each, not among `rows` and `rank`.
     """
-
-    __repr__ = brief
 
     rows: int
     rank: int
@@ -72,7 +70,7 @@ class LoopReport:
         )
 
 
-@dataclass(frozen=True)
+@frozen
 class Units:
     """What makes a closure Jacobian one of pure numbers: metres over the mechanism's size.
 
@@ -81,8 +79,6 @@ class Units:
         rows: Factor of each row, shape (rows,): 1 / length for what is open in m.
         columns: Factor of each velocity row, shape (nv,): length for a joint that slides.
     """
-
-    __repr__ = brief
 
     length: float
     rows: Array

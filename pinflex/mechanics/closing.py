@@ -12,7 +12,7 @@ Source of the least squares: Branch, Coleman, Li (1999), as `scipy.optimize.leas
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import count
 
@@ -28,7 +28,7 @@ from pinflex.mechanics.assembly import CLOSED, RANK, close_loops
 from pinflex.mechanics.closure import Closures, LogClosure, size_of, translations
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.rotations import axis_frame
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Loops that close but for the last digits of a drawing: the gap that is built in.
 #
@@ -48,7 +48,7 @@ MISFIT_RANK = 3 * ANGLE
 _TURNS = 4  # Newton's steps that turn frame b; an angle of 1e-5 takes two
 
 
-@dataclass(frozen=True)
+@frozen
 class Misfit:
     """What makes loops fit that are open at home.
 
@@ -57,8 +57,6 @@ class Misfit:
         shifts: Moves of frame b in its own axes, by loop.
         lengths: Distances as they are at home, by loop.
     """
-
-    __repr__ = brief
 
     gaps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shifts: Mapping[str, pin.SE3] = field(default_factory=dict)
@@ -233,17 +231,15 @@ _MOTORS = 10.0  # weight of the motors' way from the guess beside that of passiv
 _PULL = 1e-3  # weight of the way to the guess against the closure: moves the pose along it
 
 
-@dataclass(frozen=True)
+@frozen
 class Limits:
     """Bounds of the rigid coordinates q: -inf, inf where there is none, shape (nq,) each."""
-
-    __repr__ = brief
 
     lower: Array
     upper: Array
 
 
-@dataclass(frozen=True)
+@frozen
 class Closed:
     """A closed pose q.
 
@@ -252,8 +248,6 @@ class Closed:
         starts: Poses that were tried for it: 0 where Newton found it at once.
         misfit: What stays open there and is built in.
     """
-
-    __repr__ = brief
 
     pose: Array
     starts: int

@@ -35,7 +35,7 @@ from pinflex.description.loops import ALONG, TURNED, Loop, Pairs, loop_kind
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.loads import Attachment, gear_name
 from pinflex.rotations import axis_frame
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.evaluation.equations import Equations
@@ -47,7 +47,7 @@ LENGTHS = 1e-12  # [m] below which a length is none
 _NOWHERE = Attachment(0, pin.SE3.Identity())
 
 
-@dataclass(frozen=True)
+@frozen
 class CoupledRows:
     """Rows c = A Q[at] - offset of an (expanded) model.
 
@@ -58,8 +58,6 @@ class CoupledRows:
         offset: Shape (k,).
         J: dc/dQ, shape (k, nV).
     """
-
-    __repr__ = brief
 
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     at: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -101,7 +99,7 @@ class Contact:
         return replace(self, sleeve=sleeve, rows=renumber[self.rows[kept]])
 
 
-@dataclass(frozen=True)
+@frozen
 class Closures:
     """The loop closures of one (rigid or expanded) model.
 
@@ -118,8 +116,6 @@ class Closures:
         coupled: Rows of couplings, with the coordinates and numbers in them.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
     """
-
-    __repr__ = brief
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]

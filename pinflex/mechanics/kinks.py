@@ -12,7 +12,7 @@ Source: Hunt and Crossley (1975), J. Appl. Mech. 42, for c_h.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +24,7 @@ from pinflex.description.blocks.joints import Friction
 from pinflex.description.blocks.material import named
 from pinflex.description.loops import Loop
 from pinflex.mechanics.model.loads import BALL, PIN, WALL, Attachment, Touch, excess
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.description.blocks.external import FrameSpring
@@ -81,15 +81,13 @@ class Pull(NamedTuple):
     loss: Array
 
 
-@dataclass(frozen=True)
+@frozen
 class Kinks:
     """Laws of pieces of a system.
 
     Attributes:
         rows: Names, coordinates and pieces. energy: E_0 of the pieces of each, J.
     """
-
-    __repr__ = brief
 
     rows: tuple[Row, ...] = ()
     energy: tuple[Array, ...] = field(default=())

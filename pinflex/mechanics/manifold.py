@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,8 +62,28 @@ _TIMES = np.array(
     dtype=float,
 ).reshape(4, 16)
 
-# Coordinates that add up; (cos, sin) of an angle; a unit quaternion; what Pinocchio must move.
-_KINDS = ("plain", "circle", "sphere", "other")
+
+_SORTS = ("plain", "circle", "ball", "body")
+
+
+def sorts_of(model: pin.Model) -> dict[str, IntArray]:
+    """First places in q and v of joints by how they move, as `Stages` in source/stages.h has them.
+
+    Every place of plain ones, which add up; circles are (cos, sin), balls quaternions; what is left
+    are bodies, flat ones in a plane.
+    """
+    found: dict[str, list[int]] = {f"{sort}_{x}": [] for sort in _SORTS for x in "qv"}
+    found["body_flat"] = []
+    for joint in model.joints[1:]:
+        sort, count = "plain", int(joint.nv)
+        if joint.nq != joint.nv:
+            name = joint.shortname()
+            ball = "ball" if name == "JointModelSpherical" else "body"
+            sort, count = "circle" if joint.nv == 1 else ball, 1
+            found["body_flat"] += [name == "JointModelPlanar"] if sort == "body" else []
+        found[f"{sort}_q"] += range(joint.idx_q, joint.idx_q + count)
+        found[f"{sort}_v"] += range(joint.idx_v, joint.idx_v + count)
+    return {name: np.array(places, dtype=np.intp) for name, places in found.items()}
 
 
 class Manifold:
@@ -75,20 +94,15 @@ class Manifold:
     """
 
     def __init__(self, dynamics: Equations) -> None:
-        self._dynamics = dynamics
-        joints: dict[str, list[pin.JointModel]] = {kind: [] for kind in _KINDS}
-        for joint in dynamics.system.rigid.joints[1:]:
-            if joint.nv:
-                joints[_kind(joint)].append(joint)
-        self._easy = not joints["other"]
-        self.turning = bool(joints["sphere"] or joints["other"])
-        q, v = _rows(joints["plain"])
+        self._dynamics, at = dynamics, sorts_of(dynamics.system.rigid)
+        self._easy = not len(at["body_q"])
+        self.turning = bool(len(at["ball_q"]) or len(at["body_q"]))
         eta = np.arange(dynamics.system.n_eta)  # which adds up too
-        self._q = np.concatenate([q, dynamics.nq_rigid + eta])
-        self._v = np.concatenate([v, dynamics.n_rigid + eta])
-        self._circle_q, self._circle_v = _first_rows(joints["circle"])
-        q, v = _first_rows(joints["sphere"])
-        self._sphere_q, self._sphere_v = q[:, None] + np.arange(4), v[:, None] + np.arange(3)
+        self._q = np.concatenate([at["plain_q"], dynamics.nq_rigid + eta])
+        self._v = np.concatenate([at["plain_v"], dynamics.n_rigid + eta])
+        self._circle_q, self._circle_v = at["circle_q"], at["circle_v"]
+        self._sphere_q = at["ball_q"][:, None] + np.arange(4)
+        self._sphere_v = at["ball_v"][:, None] + np.arange(3)
 
     def retract(self, y: Array, moves: Array) -> Array:
         """Poses that moves lead to, shape (k, nq)."""
@@ -140,28 +154,6 @@ class Manifold:
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
         return turn
-
-
-def _kind(joint: pin.JointModel) -> str:
-    """How a joint moves, one of `_KINDS`."""
-    if joint.nq == joint.nv:
-        return "plain"
-    if joint.nq == 2 > joint.nv:
-        return "circle"
-    return "sphere" if joint.shortname() == "JointModelSpherical" else "other"
-
-
-def _first_rows(joints: Sequence[pin.JointModel]) -> tuple[IntArray, IntArray]:
-    """First row in q and in v of each joint."""
-    rows = np.array([(j.idx_q, j.idx_v) for j in joints], dtype=np.intp).reshape(-1, 2)
-    return rows[:, 0].copy(), rows[:, 1].copy()
-
-
-def _rows(joints: Sequence[pin.JointModel]) -> tuple[IntArray, IntArray]:
-    """Rows in q and in v of joints that have as many of one as of the other."""
-    steps = [(j.idx_q + k, j.idx_v + k) for j in joints for k in range(j.nv)]
-    q, v = np.array(steps, dtype=np.intp).reshape(-1, 2).T
-    return np.ascontiguousarray(q), np.ascontiguousarray(v)
 
 
 def _product(p: Array, q: Array) -> Array:

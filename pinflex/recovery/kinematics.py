@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple, cast
@@ -25,7 +24,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import AddedMasses, Attachment, Interface, Loads
 from pinflex.results.result import Result
 from pinflex.rotations import cross
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Work of loads that have no potential: those that change in time or follow, and moments.
 #
@@ -176,7 +175,7 @@ def _reached(t: Array, values: Array, rates: Array, x: float, after: int) -> flo
     return float((1.0 - share) * found[0] + share * found[1])
 
 
-@dataclass(frozen=True)
+@frozen
 class Kinematics:
     """Kinematics of one run.
 
@@ -185,8 +184,6 @@ class Kinematics:
         arrays: Those of a Result, by flat key: reported frames and energies.
         spins: Angular speeds [rad/s] of the joints that carry a flexible body, shape (nt,) each.
     """
-
-    __repr__ = brief
 
     poses: Mapping[int, Array]
     arrays: dict[str, Array]
@@ -255,7 +252,7 @@ def pose_of(poses: Mapping[int, Array], here: Attachment) -> Array:
 # Forces of a run: of the expanded model, of joints, loops and sleeves.
 
 
-@dataclass(frozen=True)
+@frozen
 class Forces:
     """Forces of one run.
 
@@ -265,8 +262,6 @@ class Forces:
         sleeves: Sleeves, each with its contact forces, shape (nt, 3, 8).
         arrays: Those of a Result, by flat key: loops, reactions and what the equations leave.
     """
-
-    __repr__ = brief
 
     g: Array
     f: Mapping[int, Array]

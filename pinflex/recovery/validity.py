@@ -7,7 +7,6 @@ stiffness that axial forces bring. Each monitor is a number without unit: small 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from pinflex.mechanics.model.loads import Slot
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery.links import deflections
-from pinflex.text import brief, percent
+from pinflex.text import frozen, percent
 
 # Second-order bodies are right to O((w/L)^2) of the curvature: 1 % at a tenth.
 DEFLECTION = 0.1
@@ -38,7 +37,7 @@ _TOUCH = 1e-6  # [rad | m]: decimals of a file; a motion to the limit itself is 
 _INSTANTS = 200  # enough to meet every peak of a smooth motion within a per cent
 
 
-@dataclass(frozen=True)
+@frozen
 class Monitors:
     """Largest values over a run of one flexible link.
 
@@ -50,8 +49,6 @@ class Monitors:
             elastic kinetic energy of the run, in the worse plane: does the basis suffice?
         when: Time of the first instant with speed above 1 (s), or None.
     """
-
-    __repr__ = brief
 
     deflection: float
     rotation: float

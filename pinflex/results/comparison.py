@@ -17,7 +17,7 @@ from pinflex.results.drives import DriveRow, drive_row, drive_table
 from pinflex.results.result import Result, peak, rms, same_grid
 from pinflex.results.verdict import BAND, TOL, residual, stops
 from pinflex.results.views import Deviation
-from pinflex.text import brief, percent, short
+from pinflex.text import frozen, percent, short
 
 # The report of a comparison: the answer in words, a table of levels, then all the rest.
 
@@ -187,14 +187,12 @@ def _remarks(c: Comparison, most: int | None = None) -> Block:
 # Rows of a comparison: each is one measurement of a run, or of a run against the rigid one.
 
 
-@dataclass(frozen=True)
+@frozen
 class TorqueRow:
     """One motor at one level against the rigid run [N m | N]; percents are of the rigid peak.
 
     Without a rigid run, or where its torque is zero, what cannot be said is None.
     """
-
-    __repr__ = brief
 
     motor: str
     unit: str
@@ -209,15 +207,13 @@ class TorqueRow:
     rms_percent: float | None
 
 
-@dataclass(frozen=True)
+@frozen
 class PlatformRow:
     """Largest distance [m] and angle [rad] of the platform from the rigid run, with times [s].
 
     `at_start` is the distance at the first instant: the sag of a start in equilibrium; `moved` how
     far the platform gets from there.
     """
-
-    __repr__ = brief
 
     level: str
     frame: str
@@ -229,14 +225,12 @@ class PlatformRow:
     moved: float = 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class StressRow:
     """Largest von Mises stress [Pa] of a link, where along it (x [m], x / length) and when [s].
 
     `yield_share` is that stress over the material's strength, None where that is not known.
     """
-
-    __repr__ = brief
 
     level: str
     link: str
@@ -266,11 +260,9 @@ class ResidualRow:
     settling: float | None
 
 
-@dataclass(frozen=True)
+@frozen
 class CostRow:
     """Cost of a level: wall and CPU time [s], steps, Newton iterations; None: not recorded."""
-
-    __repr__ = brief
 
     level: str
     seconds: float | None
@@ -351,7 +343,7 @@ def cost_row(label: str, run: Result, cpu: float | None) -> CostRow:
     )
 
 
-@dataclass(frozen=True)
+@frozen
 class Comparison(Reported):
     """The table of one scene; `text` for people, `to_json` for machines (SI units).
 
@@ -366,8 +358,6 @@ class Comparison(Reported):
         drives: Both sides of each gear, by level.
         unsolved: Why a level is missing, by level.
     """
-
-    __repr__ = brief
 
     name: str
     torques: tuple[TorqueRow, ...]

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.text import brief
+from pinflex.text import frozen
 
 Plain = dict[str, Any]
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
@@ -53,7 +53,7 @@ class Visual:
     xyz: tuple[float, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Drawing:
     """Parts of a robot by name.
 
@@ -63,8 +63,6 @@ class Drawing:
         loops: Frames that each loop joint ties.
         beams: Axes of flexible links in the link's frame, columns x, y, z, shape (3, 3).
     """
-
-    __repr__ = brief
 
     joints: Mapping[str, Joint] = field(default_factory=dict)
     visuals: Mapping[str, list[Visual]] = field(default_factory=dict)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -12,7 +11,7 @@ from pinflex.arrays import Array
 from pinflex.doors import door
 from pinflex.report import Table, table
 from pinflex.results.views import Stored, View, peak, rms
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +24,7 @@ _PEAKS = (*_SHOWN, "deflection")
 _BEYOND = 1e9  # of a limit: a motor faster than its curve goes
 
 
-@dataclass(frozen=True)
+@frozen
 class DriveView(View):
     """One drive of a result, on the motor's side of the gear and on the joint's.
 
@@ -33,7 +32,6 @@ class DriveView(View):
     and `speed` are those of the link.
     """
 
-    __repr__ = brief
     kind = "drive"
     arrays: ClassVar[Mapping[str, str]] = {key: f"drive/NAME/{key}" for key in _SHOWN}
 
@@ -93,7 +91,7 @@ def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:
     return float(np.max(np.where(limit > 0, size / np.where(limit > 0, limit, 1.0), none)))
 
 
-@dataclass(frozen=True)
+@frozen
 class DriveRow:
     """Largest values of one drive in one run, to choose a motor by.
 
@@ -105,8 +103,6 @@ class DriveRow:
         power: [W]. deflection: Of the gear [rad | m].
         use: Motor torque over its limit curve; None without one, infinite beyond its speeds.
     """
-
-    __repr__ = brief
 
     joint: str
     level: str

@@ -14,7 +14,6 @@ Source: Rockafellar, Convex Analysis (1970), section 13.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +25,7 @@ from pinflex.errors import DescriptionError
 from pinflex.report import Table
 from pinflex.report import table as report_table
 from pinflex.results.pose_map import AXES, Columns, column, of_poses
-from pinflex.text import brief, number
+from pinflex.text import frozen, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +38,7 @@ _NONE = 1e-8  # of a load: a force that is none where the loops are overconstrai
 _EVEN = np.pi * (3.0 - np.sqrt(5.0))  # the golden angle
 
 
-@dataclass(frozen=True)
+@frozen
 class Play:
     """Where the platform can be with the motors still, to first order in the clearances.
 
@@ -52,8 +51,6 @@ class Play:
         agree: Of each: S_j, shape (k, 1 to 3); k: how often the loops are overconstrained in it.
         free: Directions in which nothing holds the platform, shape (6, n), n mostly 0.
     """
-
-    __repr__ = brief
 
     name: str
     places: tuple[str, ...]
@@ -225,7 +222,7 @@ class Play:
         return parts
 
 
-@dataclass(frozen=True)
+@frozen
 class PlayMap:
     """The play of the platform at the poses of a grid, or of a motion; G: shape of the grid.
 
@@ -236,8 +233,6 @@ class PlayMap:
         plays: By place in the grid, shape G; None where a pose has none.
         errors: Why, "" where it has, shape G.
     """
-
-    __repr__ = brief
 
     name: str
     grid: Mapping[str, Array]

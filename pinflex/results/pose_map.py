@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from pinflex.arrays import Array
 from pinflex.doors import door, library
 from pinflex.errors import DescriptionError, nearest
 from pinflex.report import card, grid
-from pinflex.text import brief
+from pinflex.text import frozen
 from pinflex.writing import replaced, write_csv
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ Column = npt.NDArray[Any]
 SUFFIXES = (".csv", ".parquet")
 
 
-@dataclass(frozen=True)
+@frozen
 class Columns:
     """Rows of a table, column by column.
 
@@ -37,8 +37,6 @@ class Columns:
             1 and 0) or texts ("" where there is none).
         units: Of the columns that have one.
     """
-
-    __repr__ = brief
 
     arrays: Mapping[str, Column]
     units: Mapping[str, str] = field(default_factory=dict)
@@ -144,7 +142,7 @@ _ROUND_OFF = 1e-10  # of the largest compliance, rows scaled to one size
 _ACROSS = 1e-3  # share of an axis in rigid directions, above which a move along it alone is none
 
 
-@dataclass(frozen=True)
+@frozen
 class PoseMap:
     """Frequencies and compliance at the poses of a grid, or of a motion; G: shape of the grid.
 
@@ -162,8 +160,6 @@ class PoseMap:
         errors: Why a pose has no numbers, "" where it has, shape G.
         preload: "gravity" or "none". free_motors: Whether frequencies are those with free motors.
     """
-
-    __repr__ = brief
 
     name: str
     grid: Mapping[str, Array]

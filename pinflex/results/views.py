@@ -16,7 +16,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.report import card, grid
 from pinflex.results.quantities import key_of
 from pinflex.rotations import rotation_vector
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ _SPECTRUM = 16  # samples of a spectrum, at the least
 THEORIES = ("first", "second", "third", "fourth")
 
 
-@dataclass(frozen=True)
+@frozen
 class PointStress:
     """Stress at one point of every section of a link.
 
@@ -47,8 +47,6 @@ class PointStress:
         sigma: Normal stress, Pa, shape (nt, nx). tau_xy, tau_xz: Shear stress, Pa, (nt, nx).
         nu: Poisson's ratio, for the second theory.
     """
-
-    __repr__ = brief
 
     t: Array
     x: Array
@@ -280,11 +278,10 @@ class View:
         return card(heading, grid(("array", "unit", "shape", "largest"), rows))
 
 
-@dataclass(frozen=True)
+@frozen
 class JointView(View):
     """One joint of a result: coordinates, motor torque, reaction."""
 
-    __repr__ = brief
     kind = "joint"
     arrays: ClassVar[Mapping[str, str]] = {
         "position": "joint/q/NAME", "velocity": "joint/v/NAME", "acceleration": "joint/a/NAME",
@@ -377,11 +374,10 @@ class JointView(View):
         return values[:, start] if count == 1 else values[:, start : start + count]
 
 
-@dataclass(frozen=True)
+@frozen
 class FrameView(View):
     """One output frame of a result, in the world frame."""
 
-    __repr__ = brief
     kind = "frame"
     arrays: ClassVar[Mapping[str, str]] = {
         "position": "frame/NAME/position", "rotation": "frame/NAME/rotation",
@@ -406,11 +402,10 @@ class FrameView(View):
         return Deviation(self.result.t, self.position - position, turn)
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkView(View):
     """Fields along one flexible link, in its beam frame unless said."""
 
-    __repr__ = brief
     kind = "link"
     arrays: ClassVar[Mapping[str, str]] = {
         "deflection": "link/NAME/deflection", "resultant": "link/NAME/resultant",
@@ -455,11 +450,10 @@ class LinkView(View):
         return point_stress(self.result, self.name, y, z, warping)
 
 
-@dataclass(frozen=True)
+@frozen
 class LoopView(View):
     """Load of one loop joint: the action on the body of its frame b, in the world frame."""
 
-    __repr__ = brief
     kind, arrays = "loop", {"wrench": "loop/NAME/wrench"}
 
     result: Result
@@ -474,7 +468,7 @@ class LoopView(View):
         return self.wrench[:, :3]
 
 
-@dataclass(frozen=True)
+@frozen
 class Deviation:
     """Distance of a frame between two runs, in the world frame.
 
@@ -483,8 +477,6 @@ class Deviation:
         position: Difference of the origins [m], shape (nt, 3).
         rotation: Rotation vector from the other run to this one [rad], shape (nt, 3).
     """
-
-    __repr__ = brief
 
     t: Array
     position: Array

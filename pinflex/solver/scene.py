@@ -17,22 +17,20 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
-from pinflex.errors import DescriptionError, MotionError, RunInterrupted, SceneError
+from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
-from pinflex.integrators.compiled import read, tabulated
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
 from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import default_step, modes, rings_below
-from pinflex.levels.rigid import solve_rigid
+from pinflex.levels.rigid import rigid_torques
 from pinflex.levels.start import Start, start_from, start_of, with_speeds
 from pinflex.mechanics.evaluation.compiled import require_steps, serves
-from pinflex.mechanics.evaluation.equations import Equations, Followed
-from pinflex.mechanics.kinks import made
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
 from pinflex.solver.resume import state
@@ -40,40 +38,6 @@ from pinflex.solver.resume import state
 # What a digital controller takes from the motion: references of motors and rigid torques.
 
 _SAME_INSTANT = 1e-9  # of a period: times so near are one
-_INSTANTS = 401  # between which torques of a rigid motion that is not smooth are interpolated
-
-
-def rigid_torques(
-    mechanism: Mechanism, motion: Motion, start: float, end: float
-) -> Callable[[Array], Array]:
-    """Motor torques of the rigid mechanism at times in [start, end] s, (k,) to (k, nm).
-
-    Polynomials of pieces, exact to round-off; of sampled motions and the like, which have none, an
-    interpolant. Zero where its motors do not determine its motion. Without rigid stops: what feeds
-    torques forward knows nothing of these.
-    """
-    system = mechanism.rigid
-    if system.kinks.rigid:
-        open_ended = made([row for row in system.kinks.rows if row.restitution < 0.0])
-        mechanism = replace(mechanism, rigid=replace(system, kinks=open_ended))
-
-    def exact(t: Array) -> Array:
-        times, at = np.unique(t, return_inverse=True)
-        return solve_rigid(mechanism, motion, times).torque[at]
-
-    motors = len(mechanism.rigid.motors)
-    try:
-        corners = breaks(motion, mechanism.rigid.loads)
-        table = tabulated(exact, [slice(0, motors)], start, end, corners)
-    except MotionError:
-        return lambda t: np.zeros((len(t), motors))
-    if table is not None:
-        return partial(read, table)
-    from scipy.interpolate import PchipInterpolator
-
-    # On a grid of its own: how often a run is sampled must not change what drives it.
-    t = np.linspace(start, end, _INSTANTS)
-    return PchipInterpolator(t, exact(t))  # type: ignore[no-any-return]
 
 
 def following(
@@ -184,7 +148,6 @@ Progress = Callable[[int, int], None]
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
 _FEW_STAGES, _HELD_NEWTON = 4, 2e-6
-_STARTS = 4  # kept with a mechanism
 _AT_END = 1e-7  # of the run: a break so near its end is none
 _SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
@@ -374,10 +337,11 @@ class Scene:
         """The run at samples t as a keeper of its steps has it, on the kernel."""
 
         def march(problem: Problem) -> Run:
-            steps, jumps = self._radau(problem, resolution), breaks(self.motion, self._loads)
+            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], finer)
+            stops = {RESTARTS: breaks(self.motion, self._loads), HOLDS: instants}
             return collocation.integrate(
-                self.mechanism.name, steps, self._begun, t, jumps, keeper(steps), first, scale,
-                pilot, progress, _instants(problem, float(t[-1]), finer), judge is not None,
+                self.mechanism.name, steps, self._begun, t, stops, keeper(steps), first, scale,
+                pilot, progress, judge is not None,
             )  # fmt: skip
 
         return self._marched(t, march, judge)
@@ -532,15 +496,9 @@ class Scene:
             return self._nudged(replace(self, nudge=0.0).start)
         if not isinstance(self.spec.start, str):
             return self._found_start()
-        kept, spec = self.mechanism.followed.starts, self.spec
+        spec, starts = self.spec, self.mechanism.followed.starts
         asked = spec.level == "rigid", spec.start, spec.drive, spec.start_speeds
-        for moved, like, start in kept:
-            if moved is self.motion and like == asked:
-                known: Start = start
-                return known
-        found = self._found_start()
-        Followed.keep(kept, (self.motion, asked, found), _STARTS)
-        return found
+        return starts.get(self.motion, asked, self._found_start)
 
     def _nudged(self, start: Start) -> Start:
         """A start with other speeds, as loops and motors let them."""

@@ -34,7 +34,7 @@ from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.modes import default_motion as default_motion
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.compiled import require_samples
-from pinflex.mechanics.evaluation.equations import Equations, Followed
+from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.recovery.kinematics import run_of
 from pinflex.recovery.recover import recover, result_of
@@ -185,13 +185,7 @@ def solve_level(
 
 def _struck(mechanism: Mechanism, motion: Motion, end: float) -> list[str]:
     """What `blows` says, kept with the mechanism: a look at 2001 instants costs 0.3 ms a run."""
-    kept = mechanism.followed.jumps
-    for moved, until, known in kept:
-        if moved is motion and until == end:
-            words: list[str] = known
-            return words
-    Followed.keep(kept, (motion, end, blows(motion, end)), 1)
-    return _struck(mechanism, motion, end)
+    return mechanism.followed.jumps.get(motion, end, lambda: blows(motion, end))
 
 
 def _require_finite(mechanism: Mechanism, run: Run) -> None:

@@ -43,17 +43,10 @@ if TYPE_CHECKING:
 # Steps are taken once more with one stage more, and their samples are answered; what a second such
 # correction changes in them is their error, twice which is told (`pinflex.solver.judge`).
 
-# Estimated errors of runs within a tolerance, and the least that can be told.
-
-
-def errors(run: Run) -> dict[str, float]:
-    """Estimated error by output of a run within a tolerance."""
-    return run.settings["error"]
-
 
 def floor(scene: Scene, tol: float, last: Run, worst: float | None = None) -> ConvergenceError:
     """The error of a tolerance below what round-off lets a run tell."""
-    told = 2.0 * (max(errors(last).values(), default=0.0) if worst is None else worst)
+    told = 2.0 * (_worst(last) if worst is None else worst)
     least = f"{10.0 ** (np.ceil(10.0 * np.log10(max(told, 1e-300))) / 10.0):.2g}"
     failed = ConvergenceError(
         f"{scene.mechanism.name}: tol = {tol:g} is below what can be told here: shorter steps show "
@@ -207,22 +200,15 @@ _FINER = 16.0  # where steps that are too long break off, shorter ones may pass
 
 def in_one_run(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
     """The run at samples t (s) within a relative error tol, by Radau IIA collocation."""
-    return _OneRun(scene, t, tol, progress, scene.equations()).run()
+    return _OneRun(scene, t, tol, progress).run()
 
 
 class _OneRun:
-    def __init__(
-        self,
-        scene: Scene,
-        t: Array,
-        tol: float,
-        progress: Progress | None,
-        dynamics: Equations,
-    ) -> None:
+    def __init__(self, scene: Scene, t: Array, tol: float, progress: Progress | None) -> None:
         self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
         few = len(t) < _INSTANTS
         self.t = np.union1d(t, np.linspace(t[0], t[-1], _INSTANTS)) if few else t
-        self.dynamics = dynamics
+        self.dynamics = scene.equations()
         asked = scene.spec.asked or ASKED
         self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
         self.foreseen = self._foreseen()
@@ -576,7 +562,7 @@ class _Refinement:
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
-        key, change = max(errors(self.last).items(), key=lambda item: item[1])
+        key, change = max(self.last.settings["error"].items(), key=lambda item: item[1])
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
             f"{change:.2g} after {self.runs} runs. {Ending.TOL_NOT_REACHED.value} "
@@ -599,7 +585,8 @@ def _parting(one: Run, other: Run, tol: float) -> float:
 
 
 def _worst(run: Run) -> float:
-    return max(errors(run).values(), default=0.0)
+    """Largest estimated error of a run within a tolerance."""
+    return max(run.settings["error"].values(), default=0.0)
 
 
 def _alike(a: Run, b: Run) -> bool:

@@ -8,7 +8,7 @@ ch. 6 (collocated pairs, zeros).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,7 @@ from pinflex.inversion.on_grid import zeros as internal_zeros
 from pinflex.levels.modes import modes
 from pinflex.levels.ringing import Ringing, ringing
 from pinflex.mechanics.mechanism import Mechanism, takes_model
-from pinflex.text import brief
+from pinflex.text import frozen
 from pinflex.viewer.plots.drawing import COLOURS, Drawing, Room, panels, title
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ _RIGHT = 1e-6  # share of its size by which a zero lies right of the axis
 _LOW = 1e-3  # of the slowest vibration: zeros so slow are those of rigid motion
 
 
-@dataclass(frozen=True)
+@frozen
 class Measured:
     """A measured frequency response.
 
@@ -59,8 +59,6 @@ class Measured:
         agreement: Correlation of the model's response with it, 0 to 1.
     """
 
-    __repr__ = brief
-
     output: str
     frequencies: Array
     response: Array
@@ -68,7 +66,7 @@ class Measured:
     agreement: float = 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class FrequencyResponse:
     """Responses of a linear model to one input.
 
@@ -81,8 +79,6 @@ class FrequencyResponse:
         platform_zeros: From all motor torques to as many platform coordinates [1/s], or None.
         measured: Measured responses, if any.
     """
-
-    __repr__ = brief
 
     name: str
     input: str
@@ -440,7 +436,7 @@ ERRORS = (-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2)  # of the frequency [-]
 _FINE = np.linspace(-0.5, 0.5, 10001)
 
 
-@dataclass(frozen=True)
+@frozen
 class ShaperRow:
     """One shaper for the vibrations of a motion.
 
@@ -452,8 +448,6 @@ class ShaperRow:
         along: The same where the frequency moves along the motion [-].
         width: Range of the frequency error in which at most 5 % is left [-].
     """
-
-    __repr__ = brief
 
     kind: str
     time: float

@@ -25,7 +25,7 @@ from pinflex.inversion.linear_model import Balanced
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import Table
 from pinflex.report import table as report_table
-from pinflex.text import brief, number
+from pinflex.text import frozen, number
 from pinflex.threads import one_blas_thread
 
 _GAINS = np.geomspace(1.0, 100.0, 81)  # 0.5 dB from one to the next
@@ -56,7 +56,7 @@ class MarginRow:
     delay: float
 
 
-@dataclass(frozen=True)
+@frozen
 class Margins:
     """Gain and delay margins of a digital controller.
 
@@ -64,8 +64,6 @@ class Margins:
         name: Of the mechanism. rows: One for each drive, and with several one for all, pose by
             pose.
     """
-
-    __repr__ = brief
 
     name: str
     rows: tuple[MarginRow, ...]

@@ -38,7 +38,7 @@ from pinflex.solver.solve import default_motion
 from pinflex.studies.checking.check import first_frequencies
 from pinflex.studies.checking.doubts import beyond_on_the_way, slips
 from pinflex.studies.outputs import yield_strengths
-from pinflex.text import brief, number
+from pinflex.text import frozen, number
 from pinflex.viewer.curves import with_rigid_torque
 from pinflex.writing import write_text
 
@@ -230,7 +230,7 @@ _FREQUENCIES = 6
 _QUICK = 40  # elastic coordinates up to which error bars cost a fraction of the runs
 
 
-@dataclass(frozen=True)
+@frozen
 class Study:
     """Runs of one scene.
 
@@ -242,8 +242,6 @@ class Study:
         table: The comparison.
         files: What was written.
     """
-
-    __repr__ = brief
 
     mechanism: Mechanism
     runs: Mapping[str, Result]

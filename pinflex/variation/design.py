@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.description.description import Description
 from pinflex.report import Report, Reported, Words, table
-from pinflex.text import brief, number
+from pinflex.text import frozen, number
 from pinflex.variation.variants import write_scene
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ _ACTIVE = 1e-3  # margin [ln] at which a limit holds the design
 _AT_BOUND = 1e-4  # the same of a bound
 
 
-@dataclass(frozen=True)
+@frozen
 class Design(Reported):
     """The best numbers of a scene.
 
@@ -40,8 +39,6 @@ class Design(Reported):
         description: The scene with the best numbers.
         units: Of the outputs, by name.
     """
-
-    __repr__ = brief
 
     minimised: str
     parameters: tuple[str, ...]

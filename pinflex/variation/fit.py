@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -36,7 +36,7 @@ from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
-from pinflex.text import brief, plural
+from pinflex.text import frozen, plural
 from pinflex.threads import one_blas_thread
 from pinflex.variation.data import history_data, modal_data, response_data
 from pinflex.variation.measured import Comparison, Panel, columns, differences, wrong_units
@@ -54,7 +54,7 @@ _AT_BOUND = 1e-4  # of a logarithm
 _SIDES = ("lower", "upper")
 
 
-@dataclass(frozen=True)
+@frozen
 class Fit(Reported):
     """Numbers of a scene that explain what was measured.
 
@@ -78,8 +78,6 @@ class Fit(Reported):
         solves: How many designs were compared.
         description: The scene with the best numbers.
     """
-
-    __repr__ = brief
 
     parameters: tuple[str, ...]
     first: Array

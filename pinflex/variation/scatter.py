@@ -33,7 +33,7 @@ from pinflex.report import Report, Reported, Words, table
 from pinflex.results.pose_map import Columns, column
 from pinflex.studies.batch import Record, keys, run
 from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
-from pinflex.text import brief
+from pinflex.text import frozen
 from pinflex.variation.variants import variants_of
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ _RESAMPLES = 200  # of the bootstrap: a standard error to 5 %
 _LEAST = 4  # rows of a sample
 
 
-@dataclass(frozen=True)
+@frozen
 class Scatter(Reported):
     """Random designs of a scene.
 
@@ -134,8 +134,6 @@ class Scatter(Reported):
             parameter makes alone, and with all its interactions; nan where too few designs ended.
         first_error, total_error: Their standard errors (bootstrap), same shape.
     """
-
-    __repr__ = brief
 
     table: Columns
     distributions: tuple[Distribution, ...]

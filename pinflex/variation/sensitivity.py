@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -21,7 +20,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
 from pinflex.solver.solve import default_motion
-from pinflex.text import brief, number
+from pinflex.text import frozen, number
 from pinflex.threads import one_blas_thread
 from pinflex.variation.evaluator import DEFAULT, available, check_names, measure, of_a_run, units
 from pinflex.variation.peaks import Peaks, Slope, extrapolated, of_frequencies
@@ -34,7 +33,7 @@ BY = ("flexible.*.section.*", "flexible.*.material.E", "joints.*.drive.stiffness
 _NONE = 1e-6  # a relative sensitivity that nobody would act on
 
 
-@dataclass(frozen=True)
+@frozen
 class Sensitivities(Reported):
     """Relative sensitivities d ln(output) / d ln(parameter) about one design.
 
@@ -47,8 +46,6 @@ class Sensitivities(Reported):
         units: Of the outputs, by name.
         remarks: Sentences on peaks that take turns, and on what the errors leave out.
     """
-
-    __repr__ = brief
 
     parameters: tuple[str, ...]
     at: Array

@@ -33,7 +33,7 @@ from pinflex.boundary import public
 from pinflex.errors import DescriptionError, nearest
 from pinflex.results.result import Result
 from pinflex.results.views import Deviation
-from pinflex.text import brief
+from pinflex.text import frozen
 from pinflex.viewer.links import FIELDS
 from pinflex.viewer.scene import build_scenes, mode_scene, strength
 from pinflex.writing import write_text
@@ -253,11 +253,9 @@ def _settings(results: Sequence[Result], field: str, limit: float | None) -> dic
     return {"field": field, "limit": _lowest_strength(results) if limit is None else 1e-6 * limit}
 
 
-@dataclass(frozen=True)
+@frozen
 class Page:
     """A page that was written: a path for programs, and shown in place by a notebook."""
-
-    __repr__ = brief
 
     path: Path
 

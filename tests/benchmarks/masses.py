@@ -20,7 +20,7 @@ import pinocchio as pin
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
-from pinflex.mechanics import mechanism
+from pinflex.mechanics import systems
 from pinflex.mechanics.evaluation.equations import Equations
 from tests.scenes import Body, load
 
@@ -120,13 +120,13 @@ flexible:
 
 def modelled(m: pf.Mechanism) -> Array:
     """Spatial inertia (6, 6) of a flexible model at home about the origin."""
-    return mechanism.mass_of_model(m.flexible, Equations(m.flexible).joint_poses(m.undeformed()))
+    return systems.mass_of_model(m.flexible, Equations(m.flexible).joint_poses(m.undeformed()))
 
 
 def off_scene(m: pf.Mechanism) -> float:
     """How far a model is off what `load` holds it against."""
     poses = Equations(m.rigid).joint_poses(m.home)
-    said = mechanism.of_scene(m.description, m.links, m.parts, m.own, m.rigid, m.flexible, poses)
+    said = systems.of_scene(m.description, m.links, m.parts, m.own, m.rigid, m.flexible, poses)
     return share(modelled(m), said)
 
 

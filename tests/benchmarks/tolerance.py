@@ -27,7 +27,7 @@ from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import Outputs
 from pinflex.mechanics.mechanism import load
 from pinflex.solver.scene import Scene
-from pinflex.solver.tolerance import errors, in_one_run, solve_to_tolerance
+from pinflex.solver.tolerance import in_one_run, solve_to_tolerance
 from pinflex.threads import one_blas_thread
 from tests.benchmarks.race.case import scene
 from tests.benchmarks.race.report import machine
@@ -101,7 +101,7 @@ def reference(given: Scene, t: Array, outputs: Outputs) -> tuple[Run, dict[str, 
                 break
             except ConvergenceError:
                 continue
-    best, second = sorted(found, key=lambda run: max(errors(run).values()))
+    best, second = sorted(found, key=lambda run: max(run.settings["error"].values()))
     return best, outputs.differences(second, best)
 
 
@@ -122,7 +122,7 @@ def rows(name: str) -> Iterator[Row]:
                 continue
             spent = time.process_time() - start
             error, cost = outputs.differences(found, exact), found.cost
-            told = {key: e for key, e in errors(found).items() if key in error}
+            told = {key: e for key, e in found.settings["error"].items() if key in error}
             yield Row(name, tol, told, error, noise, cost["steps"], cost["last_steps"], spent)
 
 

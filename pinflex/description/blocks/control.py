@@ -21,7 +21,7 @@ from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.robots.urdf import Limits, limits
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Laws of digital controllers, with a state: a linear system, and a PID that does not wind up.
 #
@@ -197,7 +197,7 @@ class Effort:
     joint: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Control:
     """A feedback, usable on any model: `solve(mechanism, control=Control(...))`.
 
@@ -220,8 +220,6 @@ class Control:
         rigid_torque: Of each drive whether the torque that the motion asks of that motor, links
             rigid, is fed forward.
     """
-
-    __repr__ = brief
 
     measures: tuple[Deflection | Travel, ...]
     drives: tuple[Voltage | Effort, ...]

@@ -17,7 +17,7 @@ from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, nearest
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # Keys of the block `flexible`: link names, lists of them, or globs, and the links they mean.
 
@@ -182,7 +182,7 @@ def _file() -> Any:
     return schema.key(None, schema.text, form=schema.TEXT)
 
 
-@dataclass(frozen=True)
+@frozen
 class Basis:
     """The shapes in which a link deforms.
 
@@ -209,8 +209,6 @@ class Basis:
         stiffness: matrices: that of K.
         nodes: matrices: text or .csv file of their places, x y z [m] a line.
     """
-
-    __repr__ = brief
 
     kind: str = schema.bare(lambda: {"enum": [*BASES]}, "craig_bampton")
     internal: int = schema.whole(2, 0, 200)
@@ -268,7 +266,7 @@ def _switch_key() -> Any:
     return schema.key("auto", _switch, form={"enum": ["auto", True, False]})
 
 
-@dataclass(frozen=True)
+@frozen
 class FlexibleLink:
     """A link of the URDF that deforms as a beam.
 
@@ -303,8 +301,6 @@ class FlexibleLink:
         modal_damping: Damping ratio of every mode [-].
         patches: Piezoelectric patches that bend it along beam y.
     """
-
-    __repr__ = brief
 
     link: str
     material: Material = schema.bare(lambda: material.FORM, schema.REQUIRED, required=True)

@@ -11,7 +11,7 @@ from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import Vec3
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 # The blocks `drive` and `friction` of a joint: motor, gear, what gives way and what rubs in them.
 #
@@ -29,7 +29,7 @@ SPEED = 1e-3  # smoothing speed [rad/s | m/s]: a sticking joint creeps at less
 _STRIBECK = 10.0  # Stribeck speed over the smoothing speed, where none is given
 
 
-@dataclass(frozen=True)
+@frozen
 class Friction:
     """Friction in a joint of one freedom, smooth in the speed v [rad/s | m/s]:
 
@@ -44,8 +44,6 @@ class Friction:
         speed: Smoothing speed [rad/s | m/s]: below it the joint sticks, that is, creeps.
     """
 
-    __repr__ = brief
-
     coulomb: float = schema.real(0.0, "moment", low=0)
     viscous: float = schema.real(0.0, "damping", low=0)
     breakaway: float = schema.real(0.0, "moment", low=0)
@@ -58,7 +56,7 @@ class Friction:
         return self.breakaway > 0.0
 
 
-@dataclass(frozen=True)
+@frozen
 class Drive:
     """Motor and gear of a joint; without stiffness the gear is rigid.
 
@@ -71,8 +69,6 @@ class Drive:
         limit_curve: Motor speeds [rad/s] and the torque that the motor has there [N m].
         backlash: Play of the gear, from flank to flank, at the joint [rad | m].
     """
-
-    __repr__ = brief
 
     gear: float = schema.real(1.0, "ratio")
     motor_inertia: float = schema.real(0.0, "inertia", low=0)
@@ -185,7 +181,7 @@ def _way(value: object, where: str, of: str) -> float:
     return schema.number(value, where, of=of)
 
 
-@dataclass(frozen=True)
+@frozen
 class Stops:
     """Ends of a joint's way: a spring with a damper beyond them, or a coefficient of restitution.
 
@@ -194,8 +190,6 @@ class Stops:
         stiffness: [N m/rad | N/m]. damping: While it is touched [N m s/rad | N s/m].
         restitution: Part of the speed that a rigid stop gives back, 0 to 1; None: it is a spring.
     """
-
-    __repr__ = brief
 
     lower: float | None = schema.key(None, _way, given=True, form=schema.measure("angle"))
     upper: float | None = schema.key(None, _way, given=True, form=schema.measure("angle"))
@@ -214,7 +208,7 @@ def _followed(value: object, where: str, urdf: Source) -> str:
     return schema.known(value, where, urdf.joints, f"joint in {urdf.file}")
 
 
-@dataclass(frozen=True)
+@frozen
 class JointExtra:
     """What a URDF cannot say about a joint.
 
@@ -232,8 +226,6 @@ class JointExtra:
         ratio, offset: Its position is ratio times that joint's + offset [rad | m].
         stops: Ends of its way. table: Positions [rad | m] and what it resists there by [N m | N].
     """
-
-    __repr__ = brief
 
     name: str
     type: str | None = schema.bare({"enum": [*TYPES]})
@@ -426,7 +418,7 @@ def _axes(value: object, where: str, kind: str | None) -> tuple[Vec3, Vec3]:
 SINGLE = ("revolute", "continuous", "prismatic")
 
 
-@dataclass(frozen=True)
+@frozen
 class Coupling:
     """Two joints that move as one: position = ratio times the leader's + offset.
 
@@ -434,8 +426,6 @@ class Coupling:
         joint: The one that follows. leader: The one it follows; None: one that stands still.
         ratio: [rad | m, over rad | m of the leader]. offset: [rad | m].
     """
-
-    __repr__ = brief
 
     joint: str
     leader: str | None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from pinflex.description.reading import schema
 from pinflex.errors import DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 
 def _density(value: object, where: str) -> float | None:
@@ -24,7 +24,7 @@ def _modulus(default: Any) -> Any:
     return schema.real(default, "elasticity", above=0, required=False)
 
 
-@dataclass(frozen=True)
+@frozen
 class Material:
     """A linear elastic material, as a beam needs it.
 
@@ -38,8 +38,6 @@ class Material:
             stress in pictures and enters no equation.
         thermal_expansion: Strain along the beam per temperature [1/K]; None if not known.
     """
-
-    __repr__ = brief
 
     E: float = _modulus(schema.REQUIRED)
     G: float = _modulus(schema.REQUIRED)

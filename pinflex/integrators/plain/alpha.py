@@ -12,7 +12,6 @@ Positions satisfy c = 0 at every step: they never drift off the closures.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite, sqrt
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,7 @@ from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.problem import Problem, consistent_acceleration
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.actuation.drive import TorqueDrive
@@ -49,11 +48,9 @@ class NoConvergence(Exception):
         self.residual = residual
 
 
-@dataclass
+@frozen
 class Step:
     """The state that moves through the run: y (nq,), v, a, s (nv,), lam (rows,), torque (nm,)."""
-
-    __repr__ = brief
 
     y: Array
     v: Array

@@ -14,9 +14,9 @@ at times t (n,) [s], or one for all; one state y (nq,) is a batch of one, and an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import field, fields
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -27,13 +27,15 @@ from pinflex.kernel.evaluate import Closure, Energies, JointForces, Residual, Ta
 from pinflex.mechanics.evaluation.compiled import Compiled, serves
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference.evaluator import Configuration, Kinematics, Reference
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.slider import Sleeve
     from pinflex.mechanics.model.system import System
 
+
+T = TypeVar("T")
 
 # Rigid motions kept with their mechanism: whatever runs, compares or draws asks for the same.
 
@@ -44,37 +46,54 @@ _APART = (
 )
 
 
-@dataclass(eq=False)
+@frozen(eq=False)
+class Memory:
+    """The last few values of motions, by what was asked of them, the newest first."""
+
+    most: int
+    values: list[tuple[Any, Any, Any]] = field(default_factory=list)
+
+    def find(self, motion: object, asked: object) -> Any:
+        """The value of a motion for what is asked of it; None: it is not known."""
+        known = (x for moved, like, x in self.values if moved is motion and like == asked)
+        return next(known, None)
+
+    def keep(self, motion: object, asked: object, value: T) -> T:
+        """The value, put before what was known; the oldest goes."""
+        self.values.insert(0, (motion, asked, value))
+        del self.values[self.most :]
+        return value
+
+    def get(self, motion: object, asked: object, make: Callable[[], T]) -> T:
+        """The value of a motion for what is asked of it, made where it is not known."""
+        known: T | None = self.find(motion, asked)
+        return self.keep(motion, asked, make()) if known is None else known
+
+
+@frozen(eq=False)
 class Followed:
-    """What was found of the motions of a rigid mechanism, the newest first.
+    """What was found of the motions of a rigid mechanism.
 
     Attributes:
         motions: Of the YAML, shaped where it says so.
-        nominals: Rigid motions at instants: (motion, nominal). Which of them serves depends on what
-            was asked before: they are never shared.
-        solved: What was solved for them: (motion, nominal).
-        paths: Of the motors between two times: (motion, (start, end), function of time).
-        starts: Of the flexible mechanism: (motion, how it is asked for, start); never shared.
-        jumps: What is said of its jumps of speed: (motion, end, sentences).
+        nominals: Rigid motions at instants. Which of them serves depends on what was asked before:
+            they are never shared.
+        solved: What was solved for them.
+        paths: Of the motors between two times: functions of time.
+        starts: Of the flexible mechanism, by how they are asked for; never shared.
+        jumps: What is said of jumps of speed before an end: sentences.
     """
 
-    __repr__ = brief
-
-    motions: list[Any] = field(default_factory=list)
-    nominals: list[Any] = field(default_factory=list)
-    solved: list[Any] = field(default_factory=list)
-    paths: list[Any] = field(default_factory=list)
-    starts: list[Any] = field(default_factory=list)
-    jumps: list[Any] = field(default_factory=list)
+    motions: Memory = field(default_factory=partial(Memory, 1))
+    # of a run: at its samples, where a platform's motor motion is interpolated, for scales
+    nominals: Memory = field(default_factory=partial(Memory, 4))
+    solved: Memory = field(default_factory=partial(Memory, 4))
+    paths: Memory = field(default_factory=partial(Memory, 4))
+    starts: Memory = field(default_factory=partial(Memory, 4))
+    jumps: Memory = field(default_factory=partial(Memory, 1))
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
         return Followed, ()  # found again where it is needed
-
-    @staticmethod
-    def keep(found: list[Any], new: Any, most: int) -> None:
-        """Put what is new before what was found, and let the oldest go."""
-        found.insert(0, new)
-        del found[most:]
 
 
 def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
@@ -84,7 +103,8 @@ def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
     """
     if alike or _move_alike(one, other):
         known = one.followed
-        vars(other)["followed"] = Followed(known.motions, [], known.solved, known.paths)
+        shared = Followed(known.motions, solved=known.solved, paths=known.paths)
+        vars(other)["followed"] = shared
 
 
 def _move_alike(one: Mechanism, other: Mechanism) -> bool:
@@ -159,7 +179,6 @@ class Equations:
         system: What is evaluated. model: Its expanded model.
         n_rigid, nq_rigid: Rigid velocities and coordinates. flexible: Whether any link bends.
         vector_space: Whether y moves by plain addition. looped: Whether there are closures.
-        damped, rubbed, loaded: Whether there are dampers, dry friction, loads.
         strain: Elastic potential of the links.
     """
 
@@ -170,9 +189,7 @@ class Equations:
         self.n_rigid, self.nq_rigid = int(system.rigid.nv), int(system.rigid.nq)
         self.flexible = system.n_eta > 0
         self.vector_space = self.nq_rigid == self.n_rigid
-        self.looped, self.loaded = system.closed.n > 0, system.loads.present
-        self.damped, self.rubbed = bool(np.any(system.D)), system.friction.present
-        self.strain = Strain(system)
+        self.looped, self.strain = system.closed.n > 0, Strain(system)
 
     @cached_property
     def reference(self) -> Reference:
@@ -201,7 +218,7 @@ class Equations:
 
     def _closures(self, y: Array) -> Compiled | None:
         """The compiled closures; of one pose of a rigid system the tables would cost more."""
-        return self._kernel if y.ndim > 1 or self.on_kernel else None
+        return self._kernel if self.looped and (y.ndim > 1 or self.on_kernel) else None
 
     # Poses -----------------------------------------------------------------------------------
 
@@ -247,9 +264,7 @@ class Equations:
     def close(self, y: Array) -> Closure:
         """Closure residuals and their Jacobian at y (nq,) or (n, nq)."""
         Y = np.atleast_2d(y)
-        if not self.looped:
-            c, J = np.zeros((len(Y), 0)), np.zeros((len(Y), 0, self.system.nv))
-        elif (kernel := self._closures(y)) is not None:
+        if (kernel := self._closures(y)) is not None:
             c, J = kernel.closures(Y)
         else:
             c, J = _in_turn(self.reference.close, Y)
@@ -258,9 +273,7 @@ class Equations:
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
-        if not self.looped:
-            gamma = np.zeros((len(Y), 0))
-        elif (kernel := self._closures(y)) is not None:
+        if (kernel := self._closures(y)) is not None:
             gamma = kernel.closure_motion(Y, V, np.zeros_like(V))[2]
         else:
             (gamma,) = _in_turn(lambda *at: (self.reference.closure_bias(*at),), Y, V)

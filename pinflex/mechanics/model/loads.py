@@ -16,7 +16,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.external import WORLD
 from pinflex.errors import AssemblyError, DescriptionError
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.bodies.basis import FlexibleBody
@@ -29,21 +29,17 @@ if TYPE_CHECKING:
 # Records of the expanded model: where frames, stations and interfaces sit, and their maps.
 
 
-@dataclass(frozen=True)
+@frozen
 class Attachment:
     """Where a frame sits in the expanded model: a joint and the pose in that joint's frame."""
-
-    __repr__ = brief
 
     joint: int
     placement: pin.SE3
 
 
-@dataclass(frozen=True)
+@frozen
 class Interface:
     """A section that carries something: its place x [m], its joint and its velocity rows."""
-
-    __repr__ = brief
 
     x: float
     attachment: Attachment
@@ -60,11 +56,9 @@ class Interface:
         return joint
 
 
-@dataclass(frozen=True)
+@frozen
 class Slot:
     """One flexible body in the expanded model: its eta slice, stations and interfaces."""
-
-    __repr__ = brief
 
     link: str
     offset: float
@@ -76,7 +70,7 @@ class Slot:
     interfaces: tuple[Interface, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class Block:
     """The coordinate maps of equal bodies, stacked, so that one product serves them all.
 
@@ -90,8 +84,6 @@ class Block:
         eta: Slice of eta that covers the stacked bodies.
     """
 
-    __repr__ = brief
-
     rows: IntArray
     q_rows: IntArray
     Phi: Array
@@ -99,18 +91,16 @@ class Block:
     eta: slice
 
 
-@dataclass(frozen=True)
+@frozen
 class ElasticDrive:
     """A gear that gives way: its joint, its elastic coordinate and its expanded velocity row."""
-
-    __repr__ = brief
 
     joint: str
     eta: int
     row: int
 
 
-@dataclass(frozen=True)
+@frozen
 class Expansion:
     """An expanded model and the constant parts of its coordinate map.
 
@@ -124,8 +114,6 @@ class Expansion:
         drives: Gears that give way; their coordinates follow those of the links.
         carried: What joints carry (`pinflex.mechanics.model.expansion`).
     """
-
-    __repr__ = brief
 
     model: pin.Model
     q_at: IntArray
@@ -340,7 +328,7 @@ def require_apart(given: Loads, model: pin.Model, home: Array, where: str) -> No
 # Source: Kirchhoff's equations of a body in an ideal fluid: Lamb, Hydrodynamics, art. 124.
 
 
-@dataclass(frozen=True)
+@frozen
 class AddedMasses:
     """Added inertias of one model, and that of a payload which comes or goes.
 
@@ -348,8 +336,6 @@ class AddedMasses:
         joints: That carry them. inertia: Of each, about the joint's origin in its axes, shape
             (joints, 6, 6). clocks: Loads in whose shares some of them count, by number.
     """
-
-    __repr__ = brief
 
     joints: tuple[int, ...] = ()
     inertia: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
@@ -413,7 +399,7 @@ _NONE = np.zeros(0)
 _SPEEDS, _ROUNDS = 3001, 5  # a maximum is flat: three digits of its place are six of its height
 
 
-@dataclass(frozen=True)
+@frozen
 class DryFriction:
     """Joints with dry friction.
 
@@ -421,8 +407,6 @@ class DryFriction:
         rows: Velocity rows. coulomb: F_c [N m | N]. excess: E [N m | N].
         stribeck, speed: v_s and v_0 [rad/s | m/s].
     """
-
-    __repr__ = brief
 
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     coulomb: Array = field(default_factory=lambda: _NONE)
@@ -487,7 +471,7 @@ def joint_friction(description: Description, model: pin.Model) -> DryFriction:
     return DryFriction(np.array(rows, dtype=np.intp), *(np.array(x, float) for x in numbers))
 
 
-@dataclass(frozen=True)
+@frozen
 class Springs:
     """Springs on single-axis joints: torque -k (q - rest).
 
@@ -495,8 +479,6 @@ class Springs:
         v_at: Velocity rows. q_at: Position of the coordinate in q (its cosine if it has two).
         paired: True where q holds (cos, sin). stiffness: N m/rad | N/m. rest: rad | m.
     """
-
-    __repr__ = brief
 
     v_at: IntArray
     q_at: IntArray

@@ -30,7 +30,7 @@ from pinflex.mechanics.model.planes import (
     with_shear,
 )
 from pinflex.mechanics.model.tree import Link, Rider
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.description.description import Description
@@ -95,7 +95,7 @@ def heavy(links: Sequence[Link]) -> list[str]:
 _NEAR = 1e-6  # of a span, or of a segment: sections so near an end of it are that end
 
 
-@dataclass(frozen=True)
+@frozen
 class FlexiblePart:
     """A flexible link, resolved.
 
@@ -113,8 +113,6 @@ class FlexiblePart:
             None where the beam's inertia takes the place of the URDF's.
         left_out: What `auto` left out, though the scene may excite it.
     """
-
-    __repr__ = brief
 
     link: str
     placement: pin.SE3

@@ -17,7 +17,7 @@ from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import Link, poses_of
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.description.description import Description
@@ -219,7 +219,7 @@ class LeftOut:
     of: str
 
 
-@dataclass(frozen=True)
+@frozen
 class Plane:
     """The plane that all motion stays in, where there is one.
 
@@ -229,8 +229,6 @@ class Plane:
         reason: What leaves the plane, in words, where nothing but that does.
         spans: Beams placed so far.
     """
-
-    __repr__ = brief
 
     poses: list[pin.SE3]
     normal: Array | None

@@ -38,7 +38,7 @@ import pinocchio as pin
 from pinflex.bodies.track import Sections, Track, track
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.manifold import ACROSS
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.description.loops import Loop
@@ -58,7 +58,7 @@ _LABELS = {
 _ACROSS = {"v": "y", "w": "z"}
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Segment:
     """A piece of a beam that is cut into several.
 
@@ -68,8 +68,6 @@ class Segment:
         eta: Place of its coordinates among the elastic ones.
         root: Its beam frame.
     """
-
-    __repr__ = brief
 
     offset: float
     length: float

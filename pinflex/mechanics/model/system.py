@@ -14,7 +14,7 @@ from pinflex.kernel.evaluate import Spares, Tables
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Expansion, Loads, Springs
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.description.loops import Loop
@@ -29,7 +29,7 @@ def _none() -> IntArray:
 _OF_JOINTS = ("free", "unheld", "uncovered", "looked_at", "sorted_joints", "node_of_joints")
 
 
-@dataclass(frozen=True)
+@frozen
 class System:
     """A rigid or flexible mechanism as equations: model, map, closures, stiffness, damping.
 
@@ -47,8 +47,6 @@ class System:
         added: Inertia that differs with the direction.
         kinks: Laws of pieces: dead zones, stops, cables, tables.
     """
-
-    __repr__ = brief
 
     rigid: pin.Model
     expansion: Expansion

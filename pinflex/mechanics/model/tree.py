@@ -20,7 +20,7 @@ from pinflex.description.blocks.flexible import EndMass, FlexibleLink
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.model.loads import Springs
-from pinflex.text import brief
+from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.bodies.basis import FlexibleBody
@@ -28,17 +28,15 @@ if TYPE_CHECKING:
     from pinflex.description.description import Description
 
 
-@dataclass(frozen=True)
+@frozen
 class JointStep:
     """One Pinocchio joint of a link's parent joint (a universal joint has two)."""
-
-    __repr__ = brief
 
     name: str
     model: pin.JointModel
 
 
-@dataclass(frozen=True)
+@frozen
 class Link:
     """A link with its own inertia and how it hangs on its parent link.
 
@@ -50,8 +48,6 @@ class Link:
         steps: The moving joints, empty for a fixed joint.
         inertia: The link's own inertia in its own frame.
     """
-
-    __repr__ = brief
 
     name: str
     parent: int
@@ -204,7 +200,7 @@ _HEADS = {"RU": "continuous", "R": "revolute", "P": "prismatic", "S": "spherical
 _KINDS = {"Planar": "planar", "FreeFlyer": "free_flyer", "Translation": "translation"}
 
 
-@dataclass(frozen=True)
+@frozen
 class Joint:
     """A moving joint of a mechanism.
 
@@ -214,8 +210,6 @@ class Joint:
         motor: Whether a motor drives it.
         home: Its coordinates at home [rad | m], shape (n,).
     """
-
-    __repr__ = brief
 
     name: str
     kind: str
@@ -334,11 +328,9 @@ _PLACES = 7  # of the share of the span: what is beside it in the last digits ri
 _AT_END = 0.05  # of the span: a remainder so near an end rides on the end itself
 
 
-@dataclass(frozen=True)
+@frozen
 class Rider:
     """A rigid inertia on the section at x [m], in the section's frame (axes of the beam)."""
-
-    __repr__ = brief
 
     x: float
     inertia: pin.Inertia

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ from pinflex.studies.checking.parts import (
     summary,
 )
 from pinflex.studies.scenes.proposals import home_values
-from pinflex.text import angle, brief, length, number, percent, plural
+from pinflex.text import angle, frozen, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 
 _ALONG_MOTION = 101  # poses at which the motion is tried
@@ -48,7 +48,7 @@ _MOVED = 0.05  # [rad | m] beyond the digits of a guess
 _SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
 
 
-@dataclass(frozen=True)
+@frozen
 class Check(Reported):
     """The report of `pinflex check`.
 
@@ -73,8 +73,6 @@ class Check(Reported):
         payload: What is carried, and where.
         moved: Where joints stand at home that closing the loops moved from the guess [rad | m].
     """
-
-    __repr__ = brief
 
     name: str
     urdf: str

@@ -24,14 +24,12 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.planes import LeftOut
 from pinflex.rotations import rotation_vector
-from pinflex.text import brief
+from pinflex.text import frozen
 
 
-@dataclass(frozen=True)
+@frozen
 class LoopCheck:
     """One loop: its kind, the frames it joins, its closure rows and those left out as dependent."""
-
-    __repr__ = brief
 
     name: str
     kind: str
@@ -40,7 +38,7 @@ class LoopCheck:
     redundant: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@frozen
 class LinkCheck:
     """One flexible link: what its beam is, and how its mass compares with the URDF's.
 
@@ -59,8 +57,6 @@ class LinkCheck:
         centre_shift: Distance of the two centres of mass [m], None likewise.
         inertia_difference: The same ratio for the trace of the inertia about the link's frame.
     """
-
-    __repr__ = brief
 
     name: str
     length: float
@@ -82,7 +78,7 @@ class LinkCheck:
     inertia_difference: float | None
 
 
-@dataclass(frozen=True)
+@frozen
 class DriveCheck:
     """Drive or friction of a joint, as the columns of a table.
 
@@ -90,8 +86,6 @@ class DriveCheck:
         name: Joint. drive: None where it rubs and has none. friction: None for none.
         armature: Inertia of rotor and gear at the joint [kg m^2 | kg].
     """
-
-    __repr__ = brief
 
     name: str
     drive: Drive | None
@@ -180,7 +174,7 @@ class Sag:
     rotation: tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@frozen
 class Statics:
     """Rest at home; what could not be found is None and `reason` says why.
 
@@ -190,8 +184,6 @@ class Statics:
         holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
         linear_reason, full_reason: Why there is none, "" when there is.
     """
-
-    __repr__ = brief
 
     linear: Sag | None = None
     full: Sag | None = None

@@ -260,8 +260,8 @@ def test_of_many_instants_few_are_marched_to(name: str, monkeypatch: pytest.Monk
     march = module._march
     monkeypatch.setattr(module, "_march", lambda p, t, _: (counted.append(len(t)), march(p, t))[1])
     t = np.linspace(0.0, until, 401)
-    m.followed.nominals.clear()
-    m.followed.solved.clear()
+    m.followed.nominals.values.clear()
+    m.followed.solved.values.clear()
     many = nominal(m, own_motion(m), t)
     assert sum(counted) < 10
     one = march(Path(m, own_motion(m)), t[::20])

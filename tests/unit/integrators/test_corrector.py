@@ -7,6 +7,9 @@ Claims:
       twice as good | 0.98, 1.00; 0.94, 1.11; 5 times
     - rigid motion at a platform's instants by themselves and out of all samples | - | 1e-12 |
       passes
+    - accelerations and multipliers at samples inside long steps solve the equations: what they open
+      loops by, of the largest acceleration (race_r2, tol 1e-3) | Pinocchio and numpy | 1e-11 |
+      3e-14 (4e-6 before)
     - a run sent back goes on; scale known beforehand (4 scenes) | - | exact; factor 3 | passes;
       0.59 to 1.09
 """
@@ -27,9 +30,11 @@ from pinflex.integrators.march import Radau, Record
 from pinflex.integrators.problem import Run, State
 from pinflex.kernel.library import kernel
 from pinflex.levels.outputs import Outputs
+from pinflex.mechanics.reference.evaluator import Reference
 from pinflex.solver.judge import expected
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
+from pinflex.solver.tolerance import in_one_run
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 
@@ -107,6 +112,28 @@ def test_a_run_that_is_sent_back_goes_on_from_there_with_shorter_steps(fine: Run
     compare = Outputs(given.mechanism, given.motion, run.t, ASKED)
     assert run.cost["repeated"] == 4  # of seven steps three stayed
     assert max(compare.differences(run, fine).values()) < 1e-2
+
+
+def test_inside_steps_accelerations_and_multipliers_solve_the_equations() -> None:
+    """By the plain equations, of which the march knows nothing."""
+    given = scene()
+    run = in_one_run(given, np.linspace(0.0, END, 31), 1e-3)
+    assert run.settle is not None
+    plain, free, motors = Reference(run.system), run.system.free, run.system.motors
+
+    def left(run: Run) -> tuple[float, float]:
+        """Of the largest torque and acceleration; at the start they are solved already."""
+        y, v, a = (x[1:] for x in (run.y, run.v, run.a))
+        r = plain.residual(y, v, a, run.lam[1:], run.t[1:])[0]
+        opens = (plain.close(y).J @ a[:, :, None])[:, :, 0] + plain.closure_bias(y, v)
+        pairs = (r[:, free], r[:, motors]), (opens, a)
+        force, opened = (float(np.abs(x).max() / np.abs(size).max()) for x, size in pairs)
+        return force, opened
+
+    before, after = left(run), left(run.settle(run))
+    assert before[1] > 1e-7  # of the polynomial, two orders less than its poses
+    assert after[1] < 1e-11  # round-off of cdd: 1e-13 of its terms
+    assert after[0] < before[0]  # but for the stiff vibration, which the poses do not resolve
 
 
 def test_scales_are_taken_off_the_rigid_motion_that_a_platform_is_compared_with() -> None:

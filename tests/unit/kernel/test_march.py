@@ -33,15 +33,16 @@ from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, Ending, PinflexError, RunInterrupted
 from pinflex.integrators import march
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.compiled import STATE, Batch, read, sorts_of, tabulated
+from pinflex.integrators.compiled import STATE, Batch, read, tabulated
 from pinflex.integrators.march import March, Radau, Record
 from pinflex.kernel import evaluate
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.kernel.march import MarchKernel, Rows, StageKernel
+from pinflex.kernel.march import MarchKernel, StageKernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.manifold import sorts_of
 from pinflex.solver.scene import Scene
 from pinflex.solver.solve import default_motion
 from tests.benchmarks.race.case import scene
@@ -61,8 +62,8 @@ def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
         at = model.addJoint(at, joint, pin.SE3.Random(), f"joint {k}")
         model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
     system, m, none = bare(model), radau(3), np.zeros(0, dtype=np.intp)
-    rows = Rows(False, np.arange(model.nv), none, none, none, *sorts_of(system))
-    stages = StageKernel(Compiled(system), m.arrays, rows)
+    rows = {"free_at": np.arange(model.nv), "motor_v": none} | sorts_of(model)
+    stages = StageKernel(Compiled(system), m.arrays, False, rows)
     pin.seed(1)
     y = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     v = size * rng.normal(size=model.nv)

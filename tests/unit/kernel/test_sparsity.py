@@ -17,12 +17,12 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.compiled import sorts_of
 from pinflex.kernel.library import constant, kernel
-from pinflex.kernel.march import Rows, StageKernel
+from pinflex.kernel.march import StageKernel
 from pinflex.lab.scene import Body, scene
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.evaluation.compiled import Compiled
+from pinflex.mechanics.manifold import sorts_of
 
 pytestmark = pytest.mark.skipif(kernel().functions is None, reason=kernel().said)
 
@@ -50,7 +50,10 @@ def test_all_stages_are_solved_as_by_the_whole_matrix(kind: str) -> None:
     system = pf.load("delta").flexible
     m, none, free = radau(STAGES), np.zeros(0, dtype=np.intp), system.free
     stages = StageKernel(
-        Compiled(system), m.arrays, Rows(False, free, none, none, none, *sorts_of(system))
+        Compiled(system),
+        m.arrays,
+        False,
+        {"free_at": free, "motor_v": none} | sorts_of(system.rigid),
     )
     x, n, rows = stages.arrays, len(free), system.closed.n
     rng = np.random.default_rng(1)
@@ -109,7 +112,10 @@ def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
     system, m, none = robot.flexible, radau(stages), np.zeros(0, dtype=np.intp)
     free = np.setdiff1d(system.free, system.motors)
     steps = StageKernel(
-        Compiled(system), m.arrays, Rows(False, free, none, none, none, *sorts_of(system))
+        Compiled(system),
+        m.arrays,
+        False,
+        {"free_at": free, "motor_v": none} | sorts_of(system.rigid),
     )
     nv, x, of = system.nv, steps.arrays, steps.functions
     assert steps.counts["joined"] > 0
