@@ -3,7 +3,8 @@
 Lines and modules of the package, folders of many files, the longest chain of imports, circles, and
 imports inside functions, those that the house permits apart from others (`--late` names these).
 `--walk`: the files that one answer enters, and the lines of Python that
-it executes: `pf.solve(pf.load("3rrs"), level="coupled")`, every array read and the curves drawn.
+it executes: `pf.solve(pf.load("3rrs"), level="coupled")`, every array read and the curves drawn. What
+bodies of modules call, which are loaded when they are used, is counted apart.
 """
 
 from __future__ import annotations
@@ -100,20 +101,30 @@ def longest(graph: dict[str, set[str]]) -> list[str]:
     return list(most)
 
 
-def walk() -> tuple[int, int]:
-    """Files entered and lines executed for one answer, read and drawn."""
+def walk() -> tuple[int, int, int]:
+    """Files entered and lines executed for one answer, read and drawn; lines while modules load."""
     import matplotlib as mpl
 
     import pinflex as pf
 
-    lines: set[tuple[str, int]] = set()
+    lines, loading = set[tuple[str, int]](), set[tuple[str, int]]()
+
+    def ours(frame: FrameType) -> bool:
+        return frame.f_code.co_filename.startswith(str(ROOT))
+
+    def loads(frame: FrameType) -> bool:
+        """Whether the body of a module or a class calls it, which is part of an import."""
+        above = frame.f_back
+        while above is not None and (not ours(above) or above.f_code.co_flags & CO_OPTIMIZED):
+            above = above.f_back
+        return above is not None
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:
-        ours = frame.f_code.co_filename.startswith(str(ROOT))
-        if not ours or not frame.f_code.co_flags & CO_OPTIMIZED:  # of modules and classes: imports
+        if not ours(frame) or not frame.f_code.co_flags & CO_OPTIMIZED:
             return None
         if event == "line":
-            lines.add((frame.f_code.co_filename, frame.f_lineno))
+            seen = loading if loads(frame) else lines
+            seen.add((frame.f_code.co_filename, frame.f_lineno))
         return trace
 
     mpl.use("Agg")
@@ -125,7 +136,7 @@ def walk() -> tuple[int, int]:
         run.plot()
     finally:
         sys.settrace(None)
-    return len({file for file, _ in lines}), len(lines)
+    return len({file for file, _ in lines}), len(lines), len(loading - lines)
 
 
 def main() -> None:
@@ -160,7 +171,10 @@ def main() -> None:
     if asked.chain:
         print(" > ".join(name.removeprefix("pinflex.") for name in chain))
     if asked.walk:
-        print("one answer          {} files, {} lines executed".format(*walk()))
+        files, lines, loading = walk()
+        print(
+            f"one answer          {files} files, {lines} lines; {loading} more while modules load"
+        )
 
 
 if __name__ == "__main__":
