@@ -2,9 +2,9 @@
 
 Lines and modules of the package, folders of many files, the longest chain of imports, circles, and
 imports inside functions, those that the house permits apart from others (`--late` names these).
-`--walk`: the files that one answer enters, and the lines of Python that
-it executes: `pf.solve(pf.load("3rrs"), level="coupled")`, every array read and the curves drawn. What
-bodies of modules call, which are loaded when they are used, is counted apart.
+`--walk`: the files that one answer enters, and the lines of Python that it executes:
+`pf.solve(pf.load("3rrs"), level="coupled")`, every array read and the curves drawn. What bodies of
+modules call, which are loaded when they are used, is counted apart.
 """
 
 from __future__ import annotations
