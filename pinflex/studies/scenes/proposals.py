@@ -174,7 +174,8 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
     hinges = [fit for fit in fits if fit.loops[0].kind == "revolute"]
     if not hinges:
         return fits[0] if fits else best
-    return replace(hinges[0], also=tuple(fit.loops[0].axis for fit in hinges[1:]))
+    axes = dict.fromkeys(fit.loops[0].axis for fit in hinges)  # some twice, with other types
+    return replace(hinges[0], also=tuple(axes)[1:])
 
 
 def _named_types(tree: Source) -> dict[str, str]:
