@@ -255,11 +255,12 @@ def _map_report(poses: PoseMap) -> Report:
              for name in (free(i), held(i, i)) if name in every]  # fmt: skip
     shown = Columns({name: every[name] for name in (*poses.grid, *main)}, every.units)
     said = []
-    first = every["frequency.1"] if "frequency.1" in every else np.zeros(0)
-    if np.isfinite(first).any():
-        ends = number(float(np.nanmin(first))), number(float(np.nanmax(first)))
+    modes = [every[name] for name in every if name.startswith("frequency.")]
+    lowest = np.fmin.reduce(modes) if modes else np.zeros(0)  # modes are followed, and may cross
+    if np.isfinite(lowest).any():
+        ends = number(float(np.nanmin(lowest))), number(float(np.nanmax(lowest)))
         span = ends[0] if ends[0] == ends[1] else " to ".join(ends)
-        said.append(f"The first frequency is {span} Hz.")
+        said.append(f"The lowest frequency is {span} Hz.")
     soft = compliance.reshape(-1, 6)[:, :3]
     if np.isfinite(soft).any() and np.nanmax(soft) > 0:
         pose, axis = np.unravel_index(int(np.nanargmax(soft)), soft.shape)

@@ -93,9 +93,15 @@ def sharing(mechanism: Mechanism) -> str:
     )
     share = mechanism.description.share
     if isinstance(share, Tension):
+        elastic = (
+            " Only this level does: at all others motors stand where the motion has them, without "
+            "such a pretension, and struts may push; their forces differ from these. Cables that "
+            "are tight there are `springs` with `tension_only` and a `length` that stretches them."
+        )
         return (
             f"{count}balance. Level rigid takes those that pull by {share.force:g} N or more at "
             "every strut, and of them those with the least sum of torque^2 / stiffness."
+            f"{elastic * mechanism.compliant}"
         )
     return (
         f"{count}balance. Level rigid takes those with the least sum of torque^2 / stiffness, as "

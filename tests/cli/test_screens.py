@@ -42,8 +42,16 @@ def clean(text: str) -> bool:
 def test_a_map_says_its_ranges_a_sentence_and_the_rest_on_demand(arm, capsys):
     grid = ["--grid", "shoulder=-.5:.5:3", "--jobs", 1]
     brief, whole = (call(capsys, "map", arm, *grid, *more).out for more in ([], ["-v"]))
-    assert clean(brief) and "The first frequency is" in brief
+    assert clean(brief) and "The lowest frequency is" in brief
     assert "compliance" not in brief and "compliance" in whole
+
+
+def test_a_map_of_modes_that_cross_says_the_lowest_of_each_pose(capsys):
+    """A hexapod turned near its singular pose, where the spin of the platform falls below all."""
+    said = call(capsys, "map", "hexapod", "--grid", "rz=0:1.2:3", "--jobs", 1).out
+    rows = re.findall(r"frequency\.(\d) +Hz +([\d.]+)", said)
+    lowest, mode = min((float(least), int(k)) for k, least in rows)
+    assert mode != 1 and f"The lowest frequency is {lowest:.4g} to" in said
 
 
 def test_a_map_and_a_sweep_without_values_say_so(arm, capsys):

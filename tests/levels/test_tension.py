@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.studies.checking.check import check
 from tests.levels.test_redundant_motors import BASES, CORNERS, MASS, TURN, G, machine, wrenches
 
 # Bases that surround the plate, so that some tension of all four is in balance with nothing.
@@ -77,3 +78,16 @@ def test_a_plate_that_cables_cannot_hold_is_told(tmp_path: Path) -> None:
     assert BASES[:3, 1].max() < CORNERS[:, 1].min()
     with pytest.raises(pf.MotionError, match="no torques that balance pull by 20 N"):
         pf.solve(machine(tmp_path, more="share: {tension: 20}"), MOVE, level="rigid", samples=3)
+
+
+def test_check_says_that_only_level_rigid_knows_the_tension(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Elastic drives share the weight by their stiffness alone: W f = (0, m g, 0)."""
+    found = check(cables(tmp_path, monkeypatch, f"share: {{tension: {PULL}}}"))
+    W, c = wrenches(0, 0, 0), 1 / np.array([1.0, 3.0, 0.5, 2.0])
+    least = (W.T / c[:, None]) @ np.linalg.solve((W / c) @ W.T, [0, MASS * G, 0])
+    assert np.max(least) > 0  # some push
+    assert found.statics.holding_linear is not None
+    np.testing.assert_allclose(found.statics.holding_linear, least, rtol=1e-4)  # of light struts
+    assert any("struts may push" in text for text in found.warnings)

@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.__main__ import main
+from pinflex.studies.checking.check import check
 from tests import scenes
 from tests.scenes import Body
 
@@ -38,6 +40,20 @@ def test_the_frequency_is_that_of_a_spring_across_the_arm(tmp_path: Path) -> Non
     robot = scenes.load(tmp_path, ARM, YAML % "" + "gravity: [0, 0, 0]\n")
     f = pf.modes(robot).frequencies[0]
     assert f == pytest.approx(math.sqrt(K / M) / 2 / math.pi, rel=1e-8)  # inertia of the body: none
+
+
+def test_what_springs_alone_hold_sags_and_vibrates_in_check_and_modes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No motor, no link that bends, no spring in a joint: as a platform hung on cables."""
+    still = scenes.load(tmp_path, ARM, YAML % "" + "gravity: [0, 0, 0]\n")
+    assert check(still).frequencies[0] == pytest.approx(math.sqrt(K / M) / 2 / math.pi, rel=1e-8)
+    assert main(["modes", str(tmp_path / "scene.yaml")]) == 0
+    assert "5.812" in capsys.readouterr().out  # sqrt(K/M) / 2 pi
+    hung = check(scenes.load(tmp_path, ARM, YAML % "" + "platform: tip\n")).statics.full
+    assert hung is not None  # K L^2 sin q = M g L cos q
+    fall = -L * math.sin(math.atan(M * 9.81 / (K * L)))
+    assert hung.position[2] == pytest.approx(fall, rel=1e-9)  # in balance to 1e-11
 
 
 @pytest.mark.parametrize("options", [{"dt": 1e-3}, {"tol": 1e-6}], ids=["alpha", "tol"])

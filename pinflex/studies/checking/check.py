@@ -16,6 +16,7 @@ from pinflex.description.blocks.joints import Friction
 from pinflex.description.reading.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.modes import Modes, base_state, default_motion, first_modes, modes, rigid_body
+from pinflex.levels.start import hangs
 from pinflex.mechanics.assembly import LoopReport
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, takes_model
@@ -213,7 +214,11 @@ def require_vibrating(mechanism: Mechanism) -> None:
 
 
 def _vibrates(mechanism: Mechanism) -> bool:
-    return bool(mechanism.flexible.n_eta or len(mechanism.flexible.springs.v_at))
+    system, tied = mechanism.flexible, mechanism.description.springs
+    if system.n_eta or len(system.springs.v_at):
+        return True
+    loose = mechanism.report.mobility > len(mechanism.motors)
+    return loose and (bool(tied) or hangs(mechanism))
 
 
 def first_frequencies(mechanism: Mechanism, count: int) -> tuple[tuple[float, ...], str]:

@@ -16,8 +16,11 @@ from pinflex.errors import SceneError
 from pinflex.levels.modes import default_motion
 from pinflex.levels.quasistatic import rest
 from pinflex.levels.rigid import sharing
+from pinflex.linalg import null_space
 from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
+from pinflex.mechanics.freedoms import INDEPENDENT
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
 from pinflex.mechanics.model.tree import Link, poses_of, sliding
@@ -27,6 +30,7 @@ from pinflex.text import percent, plural
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
 
 _SOME = 6  # names listed before "..."
+_PARTS = 1e-6  # of the rows, for ends that part: motions are orthonormal to 1e-12
 _NEARLY = 1e-3  # of a limit or of the way: a motion made for a limit, and what vibrates about it
 
 
@@ -172,6 +176,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
     return (
         *_freedom_warnings(mechanism),
         *_loose_at_home(mechanism),
+        *_loose_pins(mechanism),
         *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
@@ -332,6 +337,33 @@ def _loose_at_home(mechanism: Mechanism) -> list[str]:
         else ""
     )
     return [f"loose at home under what acts there: {listed(list(names))} bear no force.{more}"]
+
+
+def _loose_pins(mechanism: Mechanism) -> list[str]:
+    """Loops of the kind planar whose ends, motors locked, can part along the axis of the pin."""
+    look, y = Equations(mechanism.flexible), mechanism.undeformed()
+    system, frames = look.system, look.system.expansion.frames
+    pins = [
+        loop for loop in mechanism.description.loops
+        if loop.kind == "planar" and loop.clearance is None and not loop.grounded
+    ]  # fmt: skip
+    if not pins:
+        return []
+    N = null_space(look.close(y).J[:, system.free], INDEPENDENT)
+    parting = []
+    for pin in pins:
+        a, b = frames[pin.frame_a], frames[pin.frame_b]
+        axis = frame_pose(look, y, a).rotation @ pin.axis
+        apart = axis @ (frame_jacobian(look, y, b) - frame_jacobian(look, y, a))[:3, system.free]
+        if np.linalg.norm(apart @ N) > _PARTS * np.linalg.norm(apart):
+            parting.append(pin.name)
+    if not parting:
+        return []
+    return [
+        f"{listed(parting)}: a pin of the kind planar holds nothing along its axis, and its ends "
+        "can part where links bend or hang loose. Write kind: revolute if the joint holds that, "
+        "cylindrical if it slides but keeps the axes in line."
+    ]
 
 
 def _freedom_warnings(mechanism: Mechanism) -> list[str]:

@@ -198,16 +198,19 @@ def statics(mechanism: Mechanism) -> Statics:
     """Sag of the platform and holding torques at home, motors locked, linear and full."""
     system, report = mechanism.flexible, mechanism.report
     swings = report.mobility > len(mechanism.motors)
-    if swings and not hangs(mechanism):
+    held = swings and bool(mechanism.description.springs)  # perhaps: then it has an equilibrium
+    if swings and not held and not hangs(mechanism):
         return _none("the motors do not hold every degree of freedom")
     rigid = _torques(rigid_holding(mechanism)[0])
-    if not mechanism.compliant:
+    if not mechanism.compliant and not held:
         why = "no flexible link and no elastic joint"
         return Statics(None, None, rigid, None, None, why, why)
     if not acted_on(system, mechanism.undeformed()):
         why = "nothing acts on it at rest"
         return Statics(None, None, rigid, None, None, why, why)
     linear, linear_reason = None, "what hangs loose has no stiffness but its weight"
+    if held:
+        linear_reason = "what springs between frames hold is not linearised"
     if not swings:
         linear, linear_reason = _try(lambda: linear_statics(mechanism))
     full, full_reason = _try(lambda: rest(mechanism))

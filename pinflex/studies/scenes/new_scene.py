@@ -22,7 +22,6 @@ from pinflex.description.blocks.material import MATERIALS
 from pinflex.description.description import from_text, read
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
-from pinflex.description.robots.urdf import Limits, limits
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.closing import limits_of
@@ -285,8 +284,7 @@ def new_scene(
     if more:
         blocks["actuated"] += more
         mechanism = _loaded(name, blocks, out)
-    ends = [end for loop in ways.loops for end in (loop.a, loop.b)]
-    blocks["platform"] = proposals.platform(mechanism, ends)
+    blocks["platform"] = proposals.platform(mechanism, ways)
     guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
     said = [guessed] if more else [] if "actuated" in blocks else _unlimited(tree)
     remarks = [*_wrapped("", said), *_open_loops(ways)]
@@ -338,19 +336,12 @@ def _pushed(tree: Source, blocks: Mapping[str, Any]) -> list[str]:
     """Joints of an open tree with an effort limit, of which no transmission speaks."""
     if "actuated" not in blocks:  # then every joint is a motor
         return []
-    return [name for name in _limited(tree) if name not in blocks["actuated"]]
-
-
-def _limited(tree: Source) -> list[str]:
-    """Joints with an effort limit."""
-    known = limits(tree.text)
-    names = [joint.name for joint in proposals.single(tree)]
-    return [name for name in names if known.get(name, Limits()).effort > 0]
+    return [name for name in proposals.limited(tree) if name not in blocks["actuated"]]
 
 
 def _unlimited(tree: Source) -> list[str]:
     """What to write where joints without an effort limit have no motor, as most others do."""
-    pushed = _limited(tree)
+    pushed = proposals.limited(tree)
     loose = [joint.name for joint in proposals.single(tree) if joint.name not in pushed]
     if not pushed or not loose:
         return []
@@ -448,10 +439,13 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
     else:
         mobility, named = ways.closed.report.mobility, len(ways.motors)
         why = f"mobility {mobility} with these loops"
+        why += f", as with axis {' or '.join(ways.also)}: look" if ways.also else ""
         if not named:
             why += f": name {plural(mobility, 'joint')} with a motor"
-        elif mobility != named:
+        elif mobility > named:
             why += ": a joint is of another type, or a motor is not named so"
+        elif mobility < named:
+            why += f", {named} motors: redundantly actuated, or some have no motor"
     return [*lines, f"# actuated: [{motors}]  # {why}"]
 
 
@@ -475,6 +469,12 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
         return "\n# No motion is proposed: no joint has a motor.\n"
     if mechanism.report.mobility != len(mechanism.motors):
         return f"\n# No motion is proposed: {_loose(mechanism)}\n"
+    if ways.closed is not None and ways.closed.report.mobility < len(ways.motors):
+        return (
+            "\n# No motion is proposed: motors beyond the freedoms have to agree. Move the "
+            f"platform, by\n# {ways.closed.report.mobility} of x, y, z [m], rz, ry, rx [rad]:"
+            "\n# motion: {kind: cycloid, platform: {x: 0.01, ...}, duration: 0.5}\n"
+        )
     joint = motors[0]
     known = mechanism.description.tree().joints
     step = _STEP.get(known[joint].type, _TURN) if joint in known else _TURN

@@ -9,7 +9,7 @@ import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ import yaml
 from pinflex.arrays import Array
 from pinflex.description.files import Source, SourceJoint
 from pinflex.description.reading import yaml_text
+from pinflex.description.robots.urdf import Limits, limits
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.tree import Link
@@ -77,27 +78,31 @@ class Closing:
     Attributes:
         loops: What may meet. motors: Joints with a motor then; none: they are not to be guessed.
         closed: The mechanism with them; None where it does not close.
-        types: Of joints that have another in the file.
+        types: Of joints that have another in the file. also: Axes of hinges that fit as well.
     """
 
     loops: tuple[Loop, ...] = ()
     motors: tuple[str, ...] = ()
     closed: Mechanism | None = None
     types: Mapping[str, str] = field(default_factory=dict)
+    also: tuple[str, ...] = ()
 
 
 # The platform --------------------------------------------------------------------------------
 
 
-def platform(mechanism: Mechanism, ends: Sequence[str] = ()) -> str:
+def platform(mechanism: Mechanism, closing: Closing) -> str:
     """A link whose name sounds like the end of a robot, an end of a loop, or the outermost link.
 
-    Fingers and sensors come last, whatever hangs furthest out.
+    Fingers and sensors come last, whatever hangs furthest out, and so do rods that spin: no motor
+    says how they are turned.
     """
-    links = mechanism.links
+    links, ends = mechanism.links, [end for loop in closing.loops for end in (loop.a, loop.b)]
+    spins = {spin.frame_b for spin in closing.closed.idle.spins} if closing.closed else set()
+    rods = {_body(k, links) for k in range(len(links)) if links[k].name in spins}
     depth = _depths(links)
     moving = [k for k in range(len(links)) if depth[k][0]] or [0]
-    plain = [k for k in moving if not _aside(k, links)] or moving
+    plain = [k for k in moving if not _aside(k, links) and _body(k, links) not in rods] or moving
     named: list[int] = next(
         (found for word in _WORDS if (found := [k for k in plain if word.search(links[k].name)])),
         [],
@@ -115,6 +120,13 @@ def _depths(links: Sequence[Link]) -> list[tuple[int, int]]:
         moving, fixed = depth[link.parent] if link.parent >= 0 else (0, 0)
         depth.append((moving + len(link.steps), 0 if link.steps else fixed + 1))
     return depth
+
+
+def _body(number: int, links: Sequence[Link]) -> int:
+    """The link that a joint moves, with which this one moves."""
+    while not links[number].steps and links[number].parent >= 0:
+        number = links[number].parent
+    return number
 
 
 def _aside(number: int, links: Sequence[Link]) -> bool:
@@ -137,6 +149,7 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
         return Closing()
     best, types = Closing(tuple(pairs), motors), _named_types(tree)
     some = json.dumps(motors or mechanism.description.actuated[:1])
+    fits: list[Closing] = []
     tries = itertools.product([{}, types] if types else [{}], _kinds(mechanism, pairs))
     for retyped, kind in tries:
         loops = tuple(Loop(p.a, p.b, p.apart, *kind) for p in pairs)
@@ -149,11 +162,20 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
             continue
         mobility = closed.report.mobility
         driven = motors or _likely_motors(tree, mobility)
+        closing = Closing(loops, driven, closed, retyped)
         if mobility and mobility == len(driven):
-            return Closing(loops, driven, closed, retyped)
-        if mobility and best.closed is None:
-            best = Closing(loops, motors, closed)
-    return best
+            fits.append(closing)
+            if kind[0] == "revolute":
+                continue  # about another axis, too?
+            break
+        least = best.closed.report.mobility if best.closed else 0
+        if mobility and (not least or least < mobility < len(driven)):
+            best = closing
+    hinges = [fit for fit in fits if fit.loops[0].kind == "revolute"]
+    if not hinges:
+        return fits[0] if fits else best
+    axes = dict.fromkeys(fit.loops[0].axis for fit in hinges)  # some twice, with other types
+    return replace(hinges[0], also=tuple(axes)[1:])
 
 
 def _named_types(tree: Source) -> dict[str, str]:
@@ -174,7 +196,10 @@ def named_motors(tree: Source) -> tuple[str, ...]:
 
 
 def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
-    """The sliding joints, else those on the base, where they are as many as the freedoms."""
+    """The sliding joints, else those on the base, where they are as many as the freedoms.
+
+    Else those with an effort limit, where others have none: more motors than freedoms.
+    """
     ones = single(tree)
     moved = {joint.child for joint in tree.joints.values() if joint.type != "fixed"}
     for likely in (
@@ -183,7 +208,14 @@ def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
     ):
         if len(likely) == mobility:
             return tuple(likely)
-    return ()
+    pushed = limited(tree)
+    return tuple(pushed) if mobility < len(pushed) < len(ones) else ()
+
+
+def limited(tree: Source) -> list[str]:
+    """Joints with an effort limit."""
+    known = limits(tree.text)
+    return [joint.name for joint in single(tree) if known.get(joint.name, Limits()).effort > 0]
 
 
 def single(tree: Source) -> list[SourceJoint]:
@@ -198,7 +230,7 @@ def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     """Open ends of different branches that coincide; else the nearest, where joints are passive."""
     model, links = mechanism.rigid.rigid, mechanism.links
     ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
-    frames = {k: model.getFrameId(links[k].name) for k in ends}
+    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
     poses = _poses(mechanism)
     spots = [{k: data.oMf[frames[k]].translation.copy() for k in ends} for data in poses]
     free: dict[tuple[int, int], float] = {}
@@ -211,23 +243,26 @@ def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     together = [(pair, d) for pair, d in free.items() if d < _NEAR]
     if together:
         return [Loop(links[a].name, links[b].name, d) for (a, b), d in together]
-    branches = {pair: d for pair, d in free.items() if _apart(model, frames, pair)}
+    branches = {
+        pair: d
+        for pair, d in free.items()
+        if _apart(model, frames, pair) and not any(_SENSOR.search(links[k].name) for k in pair)
+    }
     if not branches or not (motors or len(branches) == 1):
         return []  # every joint has a motor, as far as names tell: feet, not loops
     return _nearest(links, branches)
 
 
 def _open_end(number: int, mechanism: Mechanism) -> bool:
-    """Whether a link is fixed to another, carries nothing and closes no loop."""
+    """Whether a link carries nothing and closes no loop: one fixed to another, or half a joint."""
     links = mechanism.links
     link = links[number]
     return (
         link.parent >= 0
-        and not link.steps
+        and not (link.steps and link.weighs)
         and all(other.parent != number for other in links)
         and link.name not in mechanism.description.tied
-        and not _SENSOR.search(link.name)
-        and mechanism.rigid.rigid.existFrame(link.name)
+        and mechanism.rigid.rigid.existFrame(link.name, pin.FrameType.BODY)
     )
 
 
@@ -265,10 +300,30 @@ def _nearest(links: Sequence[Link], free: dict[tuple[int, int], float]) -> list[
 
 
 def _kinds(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]:
-    """Kinds to try with their axis: pins where all joints of both branches turn about one line."""
+    """Kinds to try with their axis: pins where all joints of both branches turn about one line.
+
+    Also hinges about an axis that both ends of each pair have in common: they hold more than balls
+    do, so that where all freedoms are left (Bennett's linkage, a spherical wrist) they are meant.
+    """
     axes = {_axis(mechanism, pair) for pair in pairs}
     pin_about = [("revolute", next(iter(axes)))] if len(axes) == 1 and "" not in axes else []
-    return [*pin_about, ("spherical", ""), ("weld", "")]
+    shared = [_shared(mechanism, pair) for pair in pairs]
+    hinges = [("revolute", axis) for axis in shared[0] if all(axis in axes for axes in shared)]
+    return list(dict.fromkeys([*pin_about, *hinges, ("spherical", ""), ("weld", "")]))
+
+
+def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
+    """Axes of both frames that are one at home: first as the joint that carries the first turns."""
+    model = mechanism.rigid.rigid
+    data = model.createData()
+    pin.computeJointJacobians(model, data, mechanism.home)
+    pin.updateFramePlacements(model, data)
+    a, b = (model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b))
+    bears = model.frames[a].parentJoint or model.frames[b].parentJoint
+    turns = data.oMi[bears].rotation.T @ data.J[3:, model.idx_vs[bears]]
+    apart = np.linalg.norm(data.oMf[a].rotation - data.oMf[b].rotation, axis=0)
+    found = [axis for axis in "zxy" if apart["xyz".index(axis)] < _NEAR]
+    return sorted(found, key=lambda axis: -round(abs(turns["xyz".index(axis)])))
 
 
 def _axis(mechanism: Mechanism, pair: Loop) -> str:
@@ -277,7 +332,7 @@ def _axis(mechanism: Mechanism, pair: Loop) -> str:
     data = model.createData()
     pin.computeJointJacobians(model, data, mechanism.home)
     pin.updateFramePlacements(model, data)
-    frames = [model.getFrameId(name) for name in (pair.a, pair.b)]
+    frames = [model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b)]
     joints = {j for f in frames for j in model.supports[model.frames[f].parentJoint] if j}
     columns = [c for j in joints for c in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
     turns: Array = data.J[3:, columns]

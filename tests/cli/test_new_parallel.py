@@ -1,0 +1,170 @@
+"""`pinflex new` on parallel robots: the joints, motors and platform proposed are those drawn."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import pinflex as pf
+from pinflex.__main__ import main
+
+MASS = (
+    '<inertial><origin xyz="0.05 0 0"/><mass value="0.4"/><inertia ixx="1e-3" iyy="2e-3" '
+    'izz="2e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+Row = tuple[
+    str, str, str, str, object, object, str
+]  # joint, type, parent, child, place, turn, axis
+
+
+def drawn(folder: Path, rows: list[Row], heavy: str) -> Path:
+    """A URDF of joints; links whose names match `heavy` have a mass."""
+    text = '<robot name="robot"><link name="base"/>'
+    for joint, kind, parent, child, place, turn, axis in rows:
+        xyz = " ".join(f"{x:.15g}" for x in np.asarray(place, dtype=float))
+        rpy = " ".join(f"{x:.15g}" for x in Rotation.from_matrix(turn).as_euler("xyz"))
+        axis = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}[axis]
+        limit = '<limit lower="-1" upper="1" effort="9" velocity="1"/>' * (kind == "prismatic")
+        text += (
+            f'<link name="{child}">{MASS * bool(re.search(heavy, child))}</link>'
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+    path = folder / "robot.urdf"
+    path.write_text(text + "</robot>", "utf-8")
+    return path
+
+
+def proposed(path: Path) -> tuple[str, pf.Mechanism]:
+    """What `new` writes, and the robot with its loops and motors uncommented."""
+    assert main(["new", str(path)]) == 0
+    out = path.with_suffix(".yaml")
+    text = out.read_text("utf-8")
+    out.write_text(re.sub(r"^# (loops:|actuated:|  .*# drawn)", r"\1", text, flags=re.M), "utf-8")
+    return text, pf.load(out)
+
+
+def turned(axis: str, angle: float) -> np.ndarray:
+    return Rotation.from_euler(axis, angle).as_matrix()
+
+
+def test_a_linkage_of_bennett_is_proposed_with_hinges(tmp_path: Path) -> None:
+    """Four skew hinges, a / sin alpha = b / sin beta: tan(t1/2) tan(t2/2) is constant.
+
+    A ball at the fourth leaves it one freedom, too, but another linkage with bent links.
+    Source: Hunt, Kinematic Geometry of Mechanisms (1978), ch. 11.
+    """
+    a, alpha, beta = 0.3, np.deg2rad(40), np.deg2rad(75)
+    lengths = [a, a * np.sin(beta) / np.sin(alpha)] * 2
+    twists = [alpha, beta] * 2
+    constant = np.sin((beta + alpha) / 2) / np.sin((beta - alpha) / 2)
+    second = 2 * np.arctan(constant / np.tan(0.45))
+    angles = [0.9, second, -0.9, -second]
+    rows: list[Row] = []
+    place, turn, end = np.zeros(3), np.eye(3), np.eye(4)
+    for k, parent in enumerate(("base", "link_1", "link_2")):
+        turn = turn @ turned("z", angles[k])
+        rows.append((f"j{k + 1}", "continuous", parent, f"link_{k + 1}", place, turn, "z"))
+        place, turn = np.array([lengths[k], 0, 0]), turned("x", twists[k])
+    end[:3, :3] = turned("z", angles[3]) @ turned("x", twists[3])
+    end[:3, 3] = turned("z", angles[3]) @ [lengths[3], 0, 0]
+    end = np.linalg.inv(end)
+    rows.append(("f3", "fixed", "link_3", "end", place, turn, "z"))
+    rows.append(("f0", "fixed", "base", "seat", end[:3, 3], end[:3, :3], "z"))
+    _, robot = proposed(drawn(tmp_path, rows, "^link"))
+    (loop,) = robot.description.loops
+    assert (loop.kind, loop.axis, robot.report.mobility) == ("revolute", (0, 0, 1), 1)
+    run = pf.solve(robot, pf.cycloid(joints={"j1": 1.5}, duration=1.0), level="rigid", samples=21)
+    first, other = (run.joint(name).angle for name in ("j1", "j2"))
+    product = np.tan((0.9 + first) / 2) * np.tan((second + other) / 2)
+    np.testing.assert_allclose(product, constant, rtol=1e-8)  # loops are closed to 1e-10
+
+
+def test_the_platform_is_no_rod_that_spins(tmp_path: Path) -> None:
+    """RSSR: nothing says how the coupler is turned about the line of its balls; one freedom."""
+    tip, seat = np.array([0.1, 0, 0]), np.array([0.3, 0.2, 0.25])
+    along = Rotation.align_vectors([seat - tip], [[0, 0, 1]])[0].as_matrix()
+    length, one = float(np.linalg.norm(seat - tip)), np.eye(3)
+    path = drawn(tmp_path, [
+        ("motor", "continuous", "base", "crank", (0, 0, 0), one, "z"),
+        ("rock", "continuous", "base", "rocker", (0.3, 0.2, 0), one, "x"),
+        ("end_r", "fixed", "rocker", "rocker_tip", (0, 0, 0.25), one, "z"),
+        ("sx", "continuous", "crank", "c1", tip, along, "x"),
+        ("sy", "continuous", "c1", "c2", (0, 0, 0), one, "y"),
+        ("sz", "continuous", "c2", "coupler", (0, 0, 0), one, "z"),
+        ("end_c", "fixed", "coupler", "coupler_tip", (0, 0, length), one, "z"),
+    ], "crank|rocker$|coupler$")  # fmt: skip
+    path.write_text(path.read_text("utf-8").replace('xyz="0.05 0 0"', 'xyz="0 0 0.05"'), "utf-8")
+    text, robot = proposed(path)
+    assert "platform: rocker_tip\n" in text
+    assert robot.report.mobility == 1  # two by Kutzbach, one of them the spin, which is idle
+    assert "motion: {kind: cycloid, joints: {motor: 0.1}" in text
+
+
+def legs(count: int) -> list[Row]:
+    """A plate in the x-z plane on struts between pins about y, the first of which carries it."""
+    rows: list[Row] = []
+    for k in range(count):
+        angle = 0.5 + 2 * np.pi * k / count
+        out = np.array([np.cos(angle), 0, np.sin(angle)])
+        corner = 0.2 * np.array([np.cos(angle + 0.3), 0, np.sin(angle + 0.3)])
+        way = corner - out
+        turn = turned("y", float(np.arctan2(way[0], way[2])))
+        far = (0, 0, float(np.linalg.norm(way)))
+        rows += [
+            (f"pin_{k}", "continuous", "base", f"drum_{k}", out, turn, "y"),
+            (f"winch_{k}", "prismatic", f"drum_{k}", f"cable_{k}", far, np.eye(3), "z"),
+            (f"end_{k}", "fixed", f"cable_{k}", f"end_{k}", (0, 0, 0), np.eye(3), "z"),
+        ]
+        if k == 0:
+            rows += [
+                ("hub", "continuous", "end_0", "hub", (0, 0, 0), turn.T, "y"),
+                ("hub_f", "fixed", "hub", "platform", -corner, np.eye(3), "z"),
+            ]
+        else:
+            rows.append((f"f_{k}", "fixed", "platform", f"eye_{k}", corner, np.eye(3), "z"))
+    return rows
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_motors_beyond_the_freedoms_are_proposed_as_such(tmp_path: Path, count: int) -> None:
+    """Struts end in eyes, which are no sensors; four hold a plate in the plane once too often."""
+    text, robot = proposed(drawn(tmp_path, legs(count), "^(drum|cable|platform)"))
+    assert robot.report.mobility == 3  # of a plate in the plane
+    assert robot.motors == tuple(f"winch_{k}" for k in range(count))
+    assert ("4 motors: redundantly actuated" in text) == (count == 4)
+    assert ("motors beyond the freedoms have to agree" in text) == (count == 4)
+
+
+def test_half_a_universal_joint_is_an_end(tmp_path: Path) -> None:
+    """3-UPU (Tsai): the yokes meet the platform in hinges about x, as in the leg that is whole."""
+    rows: list[Row] = []
+    one = np.eye(3)
+    for k in range(3):
+        angle = 2 * np.pi * k / 3
+        x = np.array([-np.sin(angle), np.cos(angle), 0])
+        foot, ear = 0.5 * np.cross(x, [0, 0, 1]), 0.25 * np.cross(x, [0, 0, 1])
+        way = ear + [0, 0, 0.6] - foot
+        z = way / np.linalg.norm(way)
+        turn = np.column_stack([x, np.cross(z, x), z])
+        far = (0, 0, float(np.linalg.norm(way)))
+        rows += [
+            (f"a_{k}", "continuous", "base", f"cross_{k}", foot, turn, "x"),
+            (f"b_{k}", "continuous", f"cross_{k}", f"lower_{k}", (0, 0, 0), one, "y"),
+            (f"slide_{k}", "prismatic", f"lower_{k}", f"upper_{k}", far, one, "z"),
+            (f"c_{k}", "continuous", f"upper_{k}", f"yoke_{k}", (0, 0, 0), one, "y"),
+        ]
+        rows += [
+            ("hub", "continuous", "yoke_0", "hub", (0, 0, 0), one, "x"),
+            ("plate", "fixed", "hub", "platform", -turn.T @ ear, turn.T, "z"),
+        ] if k == 0 else [(f"f_{k}", "fixed", "platform", f"ear_{k}", ear, turn, "z")]  # fmt: skip
+    text, robot = proposed(drawn(tmp_path, rows, "^(lower|upper|platform)"))
+    assert {(loop.kind, loop.axis) for loop in robot.description.loops} == {("revolute", (1, 0, 0))}
+    assert "mobility 3 with these loops, as with axis z: look" in text
+    run = pf.solve(robot, pf.cycloid(joints={"slide_0": 0.03}, duration=1.0), level="rigid")
+    turns = run.frame("platform").rotation
+    assert np.abs(turns - turns[0]).max() < 1e-7  # it translates; hinges are closed to 1e-10
