@@ -292,12 +292,24 @@ class Sampler:
             self._hold(*self._waiting.popleft())
         return len(self._log) > applied
 
-    def signals(self, t: Array, y: Array) -> Signals:
-        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
+    @property
+    def acts(self) -> list[float]:
+        """Times at which its output was applied, after the start [s]."""
+        return [t for t, _ in self._log if t > 0.0]
+
+    def recall(self, t: float) -> None:
+        """Hold what it held at a time (s) of a run that is over, just after."""
+        self.u = self._held_at(np.array([t]))[0]
+        self.held = self.feedback.B @ self.u
+
+    def _held_at(self, t: Array) -> Array:
         times = np.array([when for when, _ in self._log])
         at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
-        u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
-        one = self.feedback
+        return np.array([u for _, u in self._log])[np.maximum(at, 0)]
+
+    def signals(self, t: Array, y: Array) -> Signals:
+        """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
+        u, one = self._held_at(t), self.feedback
         m = np.array([one.S @ self._dynamics.difference(one.home, pose) for pose in y])
         return Signals(one.control.labels, self._other, u, m.reshape(len(t), len(one.S)))
 
