@@ -150,7 +150,7 @@ def _bending(
         raise DescriptionError(f"{where}: it must be one segment that bends along {direction}.")
     if not 0.0 <= x <= part.length * (1 + 1e-9):
         raise DescriptionError(
-            f"{where}: x = {x:g} m is not on the beam, which ends at 0 and {part.length:g} m."
+            f"{where}: x = {x:g} m is not on the beam. Allowed: 0 to {part.length:g} m."
         )
     slot = next(s for s in mechanism.flexible.expansion.slots if s.link == link)
     inside, start = slot.body.slices[plane], int(mechanism.flexible.rigid.nv) + slot.eta.start
@@ -299,8 +299,7 @@ class Sampler:
 
     def recall(self, t: float) -> None:
         """Hold what it held at a time (s) of a run that is over, just after."""
-        self.u = self._held_at(np.array([t]))[0]
-        self.held = self.feedback.B @ self.u
+        self._drive(np.asarray(self._held_at(np.array([t]))[0], dtype=np.float64))
 
     def _held_at(self, t: Array) -> Array:
         times = np.array([when for when, _ in self._log])
@@ -339,9 +338,11 @@ class Sampler:
         return np.minimum(np.maximum(u, -self._limit), self._limit)
 
     def _hold(self, t: float, u: Array) -> None:
-        self.u = u
         self._log.append((t, u))
-        self.held = self.feedback.B @ u
+        self._drive(u)
+
+    def _drive(self, u: Array) -> None:
+        self.u, self.held = u, self.feedback.B @ u
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:

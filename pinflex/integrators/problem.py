@@ -225,7 +225,8 @@ class Problem:
         after, as what a digital controller drives. At breaks without a jump it stays as it is.
         """
         near, sampler = _AT_BREAK * float(np.ptp(run.t)), self.sampler
-        kicks = [x for force, _ in self.dynamics.system.loads.forces for x in force.corners if x > 0]
+        loads = self.dynamics.system.loads.forces
+        kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
         kicks += [] if sampler is None else sampler.acts
         on = np.flatnonzero(_apart(run.t, breaks) <= near)
         jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on

@@ -286,7 +286,7 @@ def _moves(
     make = {"joints": to} if target == "joints" else {"platform": to}
     moves = dict(zip(quintic(**make, duration=1.0).names, map(float, to.values()), strict=True))
     if not any(moves.values()):
-        raise DescriptionError(f"{mechanism.name}: fastest: to: nothing moves.")
+        raise DescriptionError(f"{mechanism.name}: fastest: to: nothing moves. Give a way.")
     return target, moves
 
 

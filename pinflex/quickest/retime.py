@@ -113,9 +113,10 @@ def retime(
     seen = _Seen(robot, motion)
     known = _limits(robot, limits, seen.curves)
     factor, held_by = _least(seen, known)
-    if shaper is None:
+    asked = None if shaper is None else read(shaper, "retime: shaper")
+    if asked is None:
         return Retimed(slowed(motion, factor), factor, held_by, seen.shares(factor, known))
-    factor, made, shares = _shaped(robot, motion, read(shaper, "retime: shaper"), known, factor)
+    factor, made, shares = _shaped(robot, motion, asked, known, factor)
     away = _distance(seen, _Seen(robot, made))
     return Retimed(made, factor, _largest(shares), shares, away)
 
@@ -280,7 +281,7 @@ def _least(seen: _Seen, known: Mapping[str, Mapping[str, float]]) -> tuple[float
         if share ** (1.0 / power) > factor:
             factor, held_by = share ** (1.0 / power), _largest(used)
     if not factor and max(np.abs(seen.velocity).max(axis=0), default=0.0) == 0.0:
-        raise MotionError(f"{seen.robot.name}: retime: the motion moves nothing.")
+        raise MotionError(f"{seen.robot.name}: retime: nothing moves. Give another path.")
     if known.keys() & {"effort", _CURVE}:
         slower, name = _by_torque(seen, known, factor)
         if slower > factor:
@@ -329,7 +330,9 @@ def _by_torque(
         middle = 0.5 * (low + high)
         low, high = (middle, high) if used(middle).max() <= 1.0 else (low, middle)
     if not low:
-        raise MotionError(f"{seen.robot.name}: retime: no speed keeps the limits of torque.")
+        raise MotionError(
+            f"{seen.robot.name}: retime: no speed keeps the limits of torque. Give higher ones."
+        )
     return 1.0 / float(low), names[int(used(float(low)).argmax())]
 
 

@@ -158,7 +158,7 @@ def test_a_shaped_path_keeps_its_limits_and_says_how_far_it_leaves_a_bend(tmp_pa
     robot, motion = moved(tmp_path)
     straight = pf.retime(robot, motion, shaper={"kind": "zv", "frequencies": [2.0]})
     plain = pf.retime(robot, motion)
-    # Impulses half a period apart share the jerk that held the plain motion: a shorter one is shaped.
+    # Impulses half a period apart share the jerk that held the plain motion: a shorter one does.
     assert straight.motion.duration == pytest.approx(straight.factor + 0.25, rel=1e-12)
     assert straight.factor < 0.9 * plain.factor
     worst = max(max(by_motor.values()) for by_motor in straight.shares.values())

@@ -265,7 +265,7 @@ def test_where_masses_have_to_stay_it_is_refused(tmp_path: Path) -> None:
         lambda: pf.retime(robot, robot.motion),
         lambda: pf.command(robot),
     ):
-        with pytest.raises(pf.DescriptionError, match="here a payload stays. Leave out both"):
+        with pytest.raises(pf.DescriptionError, match="has to stay here. Leave out both"):
             call()
     with pytest.raises(pf.DescriptionError, match="give the shaper its frequencies"):
         pf.ringing(robot, robot.motion)

@@ -390,7 +390,7 @@ def require_staying(description: Description, what: str, then: str = "Leave out 
     """
     if description.payload is not None and description.payload.timed:
         where = f"{description.name}: {what}: payload"
-        raise DescriptionError(f"{where}: from, until: here a payload stays. {then}")
+        raise DescriptionError(f"{where}: from, until: the payload has to stay here. {then}")
 
 
 def _about_joint(M: Array, at: Attachment) -> Array:
