@@ -292,23 +292,12 @@ class Sampler:
             self._hold(*self._waiting.popleft())
         return len(self._log) > applied
 
-    @property
-    def acts(self) -> list[float]:
-        """Times at which its output was applied, after the start [s]."""
-        return [t for t, _ in self._log if t > 0.0]
-
-    def recall(self, t: float) -> None:
-        """Hold what it held at a time (s) of a run that is over, just after."""
-        self._drive(np.asarray(self._held_at(np.array([t]))[0], dtype=np.float64))
-
-    def _held_at(self, t: Array) -> Array:
-        times = np.array([when for when, _ in self._log])
-        at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
-        return np.array([u for _, u in self._log])[np.maximum(at, 0)]
-
     def signals(self, t: Array, y: Array) -> Signals:
         """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
-        u, one = self._held_at(t), self.feedback
+        times = np.array([when for when, _ in self._log])
+        at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
+        u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
+        one = self.feedback
         m = np.array([one.S @ self._dynamics.difference(one.home, pose) for pose in y])
         return Signals(one.control.labels, self._other, u, m.reshape(len(t), len(one.S)))
 
@@ -339,9 +328,10 @@ class Sampler:
 
     def _hold(self, t: float, u: Array) -> None:
         self._log.append((t, u))
-        self._drive(u)
+        self.drive(u)
 
-    def _drive(self, u: Array) -> None:
+    def drive(self, u: Array) -> None:
+        """Hold outputs (nu,) from now on."""
         self.u, self.held = u, self.feedback.B @ u
 
 

@@ -222,19 +222,22 @@ class Problem:
         """The run with accelerations and forces just after a jump at each sample that lies on one.
 
         A step that ends there has those just before; the motion and all other levels have those
-        after, as what a digital controller drives. At breaks without a jump it stays as it is.
+        after. At breaks without a jump the run stays as it is. Of a digital controller the run must
+        have its signals, and is looked at where it acts, too.
         """
-        near, sampler = _AT_BREAK * float(np.ptp(run.t)), self.sampler
+        if self.sampler is not None and run.signals is None:
+            return run
+        near = _AT_BREAK * float(np.ptp(run.t))
         loads = self.dynamics.system.loads.forces
         kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
-        kicks += [] if sampler is None else sampler.acts
+        kicks += [] if self.sampler is None else self.sampler.instants(float(run.t[-1]))[1:]
         on = np.flatnonzero(_apart(run.t, breaks) <= near)
         jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
         jumps = np.union1d(jumps, np.flatnonzero(_apart(run.t, kicks) <= near))
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
         for k in jumps:
-            if sampler is not None:
-                sampler.recall(float(run.t[k]))
+            if self.sampler is not None and run.signals is not None:
+                self.sampler.drive(run.signals.u[k])
             after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
             a[k], lam[k], torque[k] = after.a, after.lam, after.torque
         return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
