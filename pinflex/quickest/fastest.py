@@ -245,10 +245,11 @@ def fastest(
         closer = Search(
             _drawn_in(task, found, made.shares), grid, tell, _NEARBY, push=DEAR, any_kept=True
         ).go(found.profile, _CLOSER, 0.0)
-        if not closer.kept:
+        again = _told(task, closer, models, bound.duration, steps, period)
+        worse = max(again.shares.values()) > max(made.shares.values())
+        if worse or (task.box is None and again.residual > task.band):
             break
-        found = closer
-        made = _told(task, found, models, bound.duration, steps, period)
+        found, made = closer, again
     _require_kept(task, made)
     return made
 
@@ -286,7 +287,7 @@ def _moves(
     make = {"joints": to} if target == "joints" else {"platform": to}
     moves = dict(zip(quintic(**make, duration=1.0).names, map(float, to.values()), strict=True))
     if not any(moves.values()):
-        raise DescriptionError(f"{mechanism.name}: fastest: to: nothing moves. Give a way.")
+        raise DescriptionError(f"{mechanism.name}: fastest: to: nothing moves. Say how far.")
     return target, moves
 
 

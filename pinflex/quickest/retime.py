@@ -150,8 +150,8 @@ def _shaped(
         slow += _STRIDE
     else:
         raise MotionError(
-            f"{robot.name}: retime: shaped, it keeps no limit of torque at any speed: the shaper "
-            "bends the path. Give a higher limit, or another shaper."
+            f"{robot.name}: retime: shaped, which bends the path, it keeps its limits at no speed. "
+            "Give higher ones, or another shaper."
         )
     while over(slow - _STRIDE) <= 0.0:
         slow -= _STRIDE
