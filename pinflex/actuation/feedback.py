@@ -150,7 +150,7 @@ def _bending(
         raise DescriptionError(f"{where}: it must be one segment that bends along {direction}.")
     if not 0.0 <= x <= part.length * (1 + 1e-9):
         raise DescriptionError(
-            f"{where}: x = {x:g} m is not on the beam, which ends at 0 and {part.length:g} m."
+            f"{where}: x = {x:g} m is not on the beam. Allowed: 0 to {part.length:g} m."
         )
     slot = next(s for s in mechanism.flexible.expansion.slots if s.link == link)
     inside, start = slot.body.slices[plane], int(mechanism.flexible.rigid.nv) + slot.eta.start
@@ -327,9 +327,12 @@ class Sampler:
         return np.minimum(np.maximum(u, -self._limit), self._limit)
 
     def _hold(self, t: float, u: Array) -> None:
-        self.u = u
         self._log.append((t, u))
-        self.held = self.feedback.B @ u
+        self.drive(u)
+
+    def drive(self, u: Array) -> None:
+        """Hold outputs (nu,) from now on."""
+        self.u, self.held = u, self.feedback.B @ u
 
 
 def drives_motors(mechanism: Mechanism, control: Control) -> bool:

@@ -100,7 +100,9 @@ def read(path: Path, interfaces: Mapping[str, Region], scale: float, where: str)
             "Write one kind of solid cells, and surfaces as groups."
         ) from None
     if not isinstance(cells, (skfem.MeshTet, skfem.MeshHex)):
-        raise DescriptionError(f"{where}.file: {path.name}: its cells are not {', '.join(solids)}.")
+        raise DescriptionError(
+            f"{where}.file: {path.name}: its cells are others. Allowed: {', '.join(solids)}."
+        )
     element = skfem.ElementHex2() if isinstance(cells, skfem.MeshHex) else skfem.ElementTetP2()
     cells = type(cells)(
         np.ascontiguousarray(scale * cells.doflocs), cells.t, _boundaries=cells.boundaries

@@ -156,7 +156,7 @@ def _matrices(basis: Basis, folder: Path, where: str) -> Solid:
     for key in ("M", "K", "nodes"):
         if key not in found:
             raise DescriptionError(
-                f"{where}: {key} is missing. Found: {', '.join(found) or 'none'}."
+                f"{where}: {key} is missing. Add it to {', '.join(found) or 'the block'}."
             )
     nodes = np.atleast_2d(np.asarray(found["nodes"], dtype=np.float64))
     regions: dict[str, IntArray] = {}

@@ -411,7 +411,7 @@ def _craig_bampton(
     if squares[0] <= 0.0:
         raise DescriptionError(
             f"{where}: K is not positive with the interfaces held (omega^2 = {squares[0]:.3g}). "
-            "The body has a part that hangs loose, or K is not a stiffness."
+            "Join a part that hangs loose to the rest, or give a K that is a stiffness."
         )
     V *= np.where(V[np.argmax(np.abs(V), axis=0), np.arange(modes)] < 0.0, -1.0, 1.0)
     z = np.zeros((K.shape[0], moving + modes))
@@ -435,7 +435,8 @@ def _factor(K: Any, where: str) -> Any:
         ).solve  # fmt: skip
     except RuntimeError:
         raise DescriptionError(
-            f"{where}: K is singular with the interfaces held: a part of the body hangs loose."
+            f"{where}: K is singular with the interfaces held: a part of the body hangs loose. "
+            "Join it to the rest."
         ) from None
 
 

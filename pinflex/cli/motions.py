@@ -264,8 +264,8 @@ def _retimed(args: argparse.Namespace) -> int:
     own = made.factor * plan.duration if args.shaper else whole
     head = (
         f"{mechanism.name}: {path} takes {whole:.4g} s; it had {plan.duration:.4g} s. "
-        + (f"The path alone takes {own:.4g} s, {args.shaper.upper()} adds {whole - own:.4g} s and "
-           f"leaves the path by {made.off_path:.3g} rad or m. " if args.shaper else "")
+        + (f"{args.shaper.upper()} takes {whole - own:.4g} s of it and leaves the path by "
+           f"{made.off_path:.3g} rad or m. " if args.shaper else "")
         + f"Held there by the {made.held_by}. Torques are the rigid robot's; `pinflex solve` "
         "tells what links add."
     )  # fmt: skip

@@ -60,8 +60,10 @@ def integrate(
     t, steps, begin = path.t, len(path.t) - 1, resume[0]
     pointwise, at = (path, drive), np.zeros(0, dtype=np.intp)
     system = dynamics.system
-    crossed = {} if exact is None else crossing(system.added.instants, t)
-    breaks = [x for x in breaks if x not in system.added.instants]
+    crossed = {} if exact is None else crossing(breaks, t, system.added.instants)
+    near = _AT_END * (t[1] - t[0])
+    taken = [x for x in breaks if int(np.searchsorted(t, x - near)) in crossed]
+    breaks = [x for x in breaks if x not in taken]
     if drive is None:
         mean, at = averaged(t, path.acceleration, breaks)
         path = replace(path, acceleration=mean)
@@ -70,18 +72,19 @@ def integrate(
         drive = replace(drive, feed_forward=mean)
     switched = _switched(system.loads, t)
     spread = len(switched) > 0
-    felt = Equations(system.in_steps(t[1] - t[0]), marched=True) if spread else dynamics
+    stepped = system.in_steps(t[1] - t[0], {*taken, *system.added.instants}) if spread else system
+    felt = Equations(stepped, marched=True) if spread else dynamics
     march = PlainAlpha(mechanism, felt, path, scheme, drive, tolerance, feedback)
     record = _Record(march, system, t, begin)
     now = resume[1] or march.first(*start, begin)
     record.keep(begin, now)
     compiled = compiled_alpha(march, record.columns, begin)
-    near = (at[:, None] + np.arange(-2, 3)).ravel().tolist()  # a jump is no bend
-    k, last, fresh = begin, now, kinks(path) - {*near} | (set() if resume[1] else {begin})
+    beside = (at[:, None] + np.arange(-2, 3)).ravel().tolist()  # a jump is no bend
+    k, last, fresh = begin, now, kinks(path) - {*beside} | (set() if resume[1] else {begin})
     try:
         while k < steps:
             if k in fresh:
-                if k > 0:
+                if k > 0 and k not in crossed:
                     now = march.bent(now, k)
                 if dynamics.looped:
                     now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
@@ -134,14 +137,23 @@ STAGES = 3
 _AT_END = 1e-6  # of the step: an instant so near its end is there
 
 
-def crossing(instants: Sequence[float], t: Array) -> dict[int, Array]:
-    """Times (s) up to which such a step goes and from there on, by its number among those of t."""
+def crossing(
+    breaks: Sequence[float], t: Array, instants: Sequence[float] | None = None
+) -> dict[int, Array]:
+    """Breaks (s) up to which such a step goes and from there on, by its number among those of t.
+
+    `instants`: at which masses come or go; breaks count in these steps and beside them, whose mean
+    would reach into them. None: every break counts.
+    """
     near, found = _AT_END * (t[1] - t[0]), dict[int, list[float]]()
-    for x in instants:
+    for x in breaks:
         if t[0] + near < x <= t[-1] + near:
             inside = found.setdefault(k := int(np.searchsorted(t, x - near)), [])
             inside += [x] if x < t[k] - near else []
-    return {k: np.array(inside) for k, inside in found.items()}
+    wanted = {*(found if instants is None else crossing(instants, t))}
+    while more := {k for k in found if {k - 1, k + 1} & wanted} - wanted:
+        wanted |= more
+    return {k: np.array(inside) for k, inside in found.items() if k in wanted}
 
 
 def _across(name: str, march: PlainAlpha, exact: Problem, now: Step, k: int, inside: Array) -> Step:

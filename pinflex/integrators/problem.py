@@ -195,10 +195,13 @@ class Problem:
         return self.drive is None
 
     def first(self, t: float, y: Array, v: Array) -> State:
-        """Consistent accelerations, multipliers and torques at (y, v)."""
-        d, path = self.dynamics, self.path(np.array([t]))
+        """Consistent accelerations, multipliers and torques at (y, v); a controller may act."""
         if self.sampler is not None:
             self.sampler.reach(t, y, v)
+        return self._balanced(t, y, v)
+
+    def _balanced(self, t: float, y: Array, v: Array) -> State:
+        d, path = self.dynamics, self.path(np.array([t]))
         u, held, a_held = self.control_force, self.motors, path.acceleration[0]
         if self.drive is None:
             a, lam = consistent_acceleration(d, y, v, held, a_held, None, t, u)
@@ -211,18 +214,23 @@ class Problem:
         """The run with accelerations and forces just after a jump at each sample that lies on one.
 
         A step that ends there has those just before; the motion and all other levels have those
-        after. At breaks without a jump the run stays as it is.
+        after. At breaks without a jump the run stays as it is. Of a digital controller the run must
+        have its signals, and is looked at where it acts, too.
         """
-        near = _AT_BREAK * float(np.ptp(run.t))
-        on = [int(k) for x in breaks for k in np.flatnonzero(np.abs(run.t - x) <= near)]
-        if self.sampler is not None or not on:  # what a digital controller holds is not known here
+        if self.sampler is not None and run.signals is None:
             return run
-        t = run.t[on]
-        kicked = [self._switches(x, near) for x in t]
-        jumps = np.union1d(self.jumps(t, run.t), np.flatnonzero(kicked))
+        near = _AT_BREAK * float(np.ptp(run.t))
+        loads = self.dynamics.system.loads.forces
+        kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
+        kicks += [] if self.sampler is None else self.sampler.instants(float(run.t[-1]))[1:]
+        on = np.flatnonzero(_apart(run.t, breaks) <= near)
+        jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
+        jumps = np.union1d(jumps, np.flatnonzero(_apart(run.t, kicks) <= near))
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
-        for k in (on[j] for j in jumps):
-            after = self.first(float(run.t[k]), run.y[k], run.v[k])
+        for k in jumps:
+            if self.sampler is not None and run.signals is not None:
+                self.sampler.drive(run.signals.u[k])
+            after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
             a[k], lam[k], torque[k] = after.a, after.lam, after.torque
         return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
 
@@ -232,11 +240,6 @@ class Problem:
         jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
         largest = np.abs(self.path(samples).acceleration).max(initial=1e-300)  # many end in none
         return np.flatnonzero(jump > _JUMP * largest)
-
-    def _switches(self, t: float, near: float) -> bool:
-        """Whether a load begins or ends at a time."""
-        forces = self.dynamics.system.loads.forces
-        return any(abs(t - x) <= near for force, _ in forces for x in force.corners)
 
     def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:
         """Torques of driven motors in states, shape (k, nm); what a controller holds is in them.
@@ -263,6 +266,13 @@ class Problem:
         x, v, a = (part[:n] for part in (path.position, path.velocity, path.acceleration))
         a = 2.0 * a - path.acceleration[n:]  # straight on from the two
         return MotorPath(t, x + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
+
+
+def _apart(t: Array, marks: Sequence[float]) -> Array:
+    """How far times (k,) are from the nearest of some marks [s]."""
+    every = np.array([-np.inf, *sorted(marks), np.inf])
+    k = np.searchsorted(every, t)
+    return np.asarray(np.minimum(t - every[k - 1], every[k] - t))
 
 
 def seen_inside(t: Array, c: Array) -> Array:

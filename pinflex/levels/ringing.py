@@ -86,7 +86,10 @@ def ringing(mechanism: Mechanism, motion: Motion, count: int | None = None) -> R
     require_staying(mechanism.description, "vibrations that a motion excites", then)
     f, damping, left = _excited(mechanism, motion)
     if not np.any(left > 0.0):
-        raise DescriptionError(f"{mechanism.name}: the motion excites no vibration.")
+        raise DescriptionError(
+            f"{mechanism.name}: the motion excites no vibration. Leave the shaper out, or give "
+            "another motion."
+        )
     low, high = f.min(axis=0), f.max(axis=0)
     middle = 0.5 * (low + high)
     kept: list[int] = []

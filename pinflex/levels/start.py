@@ -515,7 +515,7 @@ def _state(mechanism: Mechanism, given: Any, where: str) -> tuple[Array, Array, 
             f"({system.nv},), as y and the columns of shapes in pf.modes(robot)."
         )
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(v))):
-        raise DescriptionError(f"{where}: {_ABOUT} has entries that are no finite numbers.")
+        raise DescriptionError(f"{where}: {_ABOUT}: give finite numbers.")
     n = int(system.rigid.nq)
     y[:n] = pin.normalize(system.rigid, y[:n])  # cos and sin, quaternions
     return y, v, _ABOUT

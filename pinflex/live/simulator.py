@@ -93,7 +93,9 @@ class Simulator:
         self._dynamics = Equations(self._system.in_steps(dt), marched=True)
         if not self._dynamics.on_kernel or self._dynamics.compiled is None:
             by = evaluated_by(self._system, True)
-            raise DescriptionError(f"{where}: its steps are compiled; this model has {by}.")
+            raise DescriptionError(
+                f"{where}: its steps are compiled; this model has {by}. Use pf.solve."
+            )
         self._compiled = self._dynamics.compiled
         self._axes, self._motors = motor_axes(mechanism), self._system.motors
         spec = mechanism.description.solve

@@ -159,7 +159,10 @@ def _along(key: str, value: Any, moves: Mapping[str, float]) -> float:
 def _stress(mechanism: Mechanism, value: Any) -> Array:
     links = tuple(mechanism.parts)
     if value is not None and not links:
-        raise DescriptionError(f"{mechanism.name}: fastest: limits.stress: no link is flexible.")
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: limits.stress: no link is flexible. Leave it out, or "
+            "describe one under `flexible`."
+        )
     return _each("stress", value, links, np.full(len(links), np.inf), "flexible link")
 
 

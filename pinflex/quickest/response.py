@@ -149,6 +149,8 @@ class _March:
 
     def go(self, forces: bool, far: Array | None) -> Response:
         """March."""
+        from scipy.interpolate import CubicSpline
+
         system, grid, sc, h = self.mechanism.flexible, self.grid, self.scheme, self.h
         free, motors = system.free, system.motors
         if self.push is not None:
@@ -163,9 +165,10 @@ class _March:
         if far is not None:
             size = float(np.linalg.norm(far))
             frame = self.mechanism.frame(str(self.mechanism.description.platform))
-            here = self.dynamics.kinematics(self.y[: grid.moving])
-            J = Frame(self.dynamics.model, frame).jacobian(here)[:, :3]
-            ahead = np.einsum("i,kin->kn", far / size, J)
+            some = np.linspace(0, grid.moving - 1, grid.n + 1).astype(int)  # as smooth as the path
+            J = Frame(self.dynamics.model, frame).jacobian(self.dynamics.kinematics(self.y[some]))
+            ahead = np.einsum("i,kin->kn", far / size, J[:, :3])
+            ahead = CubicSpline(some, ahead)(np.arange(grid.moving))
             rate = np.zeros((grid.moving, numbers + 1))
             rate[:, :-1] = size / self.T * self.shape[1, : grid.moving]  # the rigid robot's
             rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving]) / self.T

@@ -3,14 +3,15 @@
 The time of the whole motion is scaled by one factor k: speeds go with 1/k, accelerations with
 1/k^2, jerks with 1/k^3, and rigid torques are a polynomial of second degree in 1/k at every
 instant. A shaper convolves what comes of it with impulses of sum 1, so that no speed, acceleration
-or jerk grows.
+or jerk grows; where they shrink, a shorter motion is shaped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import cache, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray, spans
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, trajectory
-from pinflex.description.motions.trajectory import read
+from pinflex.description.motions.trajectory import ShaperSpec, read
 from pinflex.description.robots.urdf import MotorLimits
 from pinflex.description.trajectories.profiles import by_name
 from pinflex.description.trajectories.waypoints import slowed
@@ -37,13 +38,14 @@ from pinflex.report import card, grid
 QUANTITIES = tuple(field.name for field in fields(MotorLimits))
 _CURVE = "limit_curve"  # of a drive: a limit that no number replaces
 _POWER = {"velocity": 1, "acceleration": 2, "jerk": 3}
-_INSTANTS = 600  # at which a motion is looked at, beside those just before and behind its corners
+_INSTANTS, _A_PIECE = 600, 60  # at which a motion is looked at; in a short piece of it
 _BESIDE = 1e-7  # of the duration: how far from a corner
 _JUMP = 1e-3  # of the largest acceleration, at a corner: less is round-off
 _ON_PATH = 1e-9  # [rad | m]: round-off
 _KEPT = 1e-9  # of a limit: by how much a result may be beyond it
 _ROUNDS = 60  # of halving a factor; 1e-12 of it is enough
-_TRIES = 12  # of slowing down a shaped motion whose torques are too large
+_TRIES, _STRIDE = 12, 0.25  # of slowing a shaped motion down; of the logarithm of a factor
+_FINE = 1e-6  # of that: where the search ends
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,20 +114,50 @@ def retime(
     known = _limits(robot, limits, seen.curves)
     factor, held_by = _least(seen, known)
     asked = None if shaper is None else read(shaper, "retime: shaper")
-    found = slowed(motion, factor)
     if asked is None:
-        return Retimed(found, factor, held_by, seen.shares(factor, known))
-    for _ in range(_TRIES):
-        made = shaped_as(robot, found, asked)
+        return Retimed(slowed(motion, factor), factor, held_by, seen.shares(factor, known))
+    factor, made, shares = _shaped(robot, motion, asked, known, factor)
+    away = _distance(seen, _Seen(robot, made))
+    return Retimed(made, factor, _largest(shares), shares, away)
+
+
+def _shaped(
+    robot: Mechanism, motion: Motion, asked: ShaperSpec,
+    known: Mapping[str, Mapping[str, float]], plain: float,
+) -> tuple[float, Motion, dict[str, Any]]:  # fmt: skip
+    """The least factor with which the shaped motion keeps all limits, that motion, its shares.
+
+    Looked for from the factor of the `plain` motion on, which is too slow where impulses are far
+    apart. Raises MotionError where none is found.
+    """
+    from scipy.optimize import brentq
+
+    tried: dict[float, tuple[Motion, dict[str, Any]]] = {}
+
+    @cache
+    def over(log: float) -> float:
+        made = shaped_as(robot, slowed(motion, np.exp(log)), asked)
         shares = _Seen(robot, made).shares(1.0, known)
-        torques = [*shares.get("effort", {}).values(), *shares.get(_CURVE, {}).values()]
-        worst = max(torques, default=0.0)
+        worst = max(max(by_motor.values()) for by_motor in shares.values())
         if worst <= 1.0 + _KEPT:
-            away = _distance(seen, _Seen(robot, made))
-            return Retimed(made, factor, held_by, shares, away)
-        factor *= np.sqrt(worst)
-        found, held_by = slowed(motion, factor), _largest(shares)
-    raise MotionError(f"{robot.name}: retime: shaped, its torques exceed a limit at any speed.")
+            tried[log] = made, shares
+        return float(np.log(worst))
+
+    slow = float(np.log(plain))
+    for _ in range(_TRIES):
+        if over(slow) <= 0.0:
+            break
+        slow += _STRIDE
+    else:
+        raise MotionError(
+            f"{robot.name}: retime: shaped, which bends the path, it keeps its limits at no speed. "
+            "Give higher ones, or another shaper."
+        )
+    while over(slow - _STRIDE) <= 0.0:
+        slow -= _STRIDE
+    brentq(over, slow - _STRIDE, slow, xtol=_FINE)
+    least = min(tried)
+    return float(np.exp(least)), *tried[least]
 
 
 class _Seen:
@@ -197,15 +229,18 @@ class _Seen:
 
 
 def _instants(motion: Motion) -> tuple[Array, IntArray]:
-    """Times of a motion, and the numbers of those just before its corners."""
+    """Times of a motion, even between its corners, and the numbers of those just before these."""
     end = motion.duration
     gap = _BESIDE * end
-    inner = np.array([c for c in motion.switches if 2 * gap < c < end - 2 * gap])
-    even = np.linspace(gap, end - gap, _INSTANTS)
-    if len(inner):
-        even = even[np.abs(even[:, None] - inner).min(axis=1) > 2 * gap]
-    t = np.sort(np.concatenate([even, inner - gap, inner + gap]))
-    return t, np.searchsorted(t, inner - gap)
+    corners = np.array([0.0, *sorted(motion.switches), end])
+    corners = corners[np.append(True, np.diff(np.minimum(corners, end)) > 4.0 * gap)]
+    marks = np.append(corners[corners < end - 4.0 * gap], end)
+    few = min(_A_PIECE, max(_INSTANTS // len(marks), 4))  # short ones: a motion that is shaped
+    pieces = [
+        np.linspace(a + gap, b - gap, max(few, round(_INSTANTS * (b - a) / end)))
+        for a, b in pairwise(marks.tolist())
+    ]
+    return np.concatenate(pieces), np.cumsum([len(piece) for piece in pieces])[:-1] - 1
 
 
 def _limits(robot: Mechanism, given: Any, curves: Sequence[Curve]) -> dict[str, dict[str, float]]:
@@ -246,7 +281,7 @@ def _least(seen: _Seen, known: Mapping[str, Mapping[str, float]]) -> tuple[float
         if share ** (1.0 / power) > factor:
             factor, held_by = share ** (1.0 / power), _largest(used)
     if not factor and max(np.abs(seen.velocity).max(axis=0), default=0.0) == 0.0:
-        raise MotionError(f"{seen.robot.name}: retime: the motion moves nothing.")
+        raise MotionError(f"{seen.robot.name}: retime: nothing moves. Give another path.")
     if known.keys() & {"effort", _CURVE}:
         slower, name = _by_torque(seen, known, factor)
         if slower > factor:
@@ -295,7 +330,9 @@ def _by_torque(
         middle = 0.5 * (low + high)
         low, high = (middle, high) if used(middle).max() <= 1.0 else (low, middle)
     if not low:
-        raise MotionError(f"{seen.robot.name}: retime: no speed keeps the limits of torque.")
+        raise MotionError(
+            f"{seen.robot.name}: retime: no speed keeps the limits of torque. Give higher ones."
+        )
     return 1.0 / float(low), names[int(used(float(low)).argmax())]
 
 

@@ -43,7 +43,10 @@ def varied(mechanism: Mechanism, kind: str, factor: float) -> Mechanism:
         changes = [c for one in numbers for c in one.overrides(one.value * factor)]
         found, many = found.with_overrides(changes), many + len(numbers)
     if not many:
-        raise DescriptionError(f"{mechanism.name}: robust: {kind}: the YAML says no number of it.")
+        raise DescriptionError(
+            f"{mechanism.name}: robust: {kind}: the YAML says no number of it. Write one, or leave "
+            "it out."
+        )
     return load(found)
 
 
@@ -89,7 +92,8 @@ def _loaded(description: Description, factor: float) -> Description:
     link = _with_mass(root, str(description.platform))
     if link is None:
         raise DescriptionError(
-            f"{description.name}: robust: payload: no link with a mass carries the platform."
+            f"{description.name}: robust: payload: no link with a mass carries the platform. "
+            "Write `payload` in the YAML."
         )
     for element, keys in (
         ("mass", ("value",)),

@@ -42,16 +42,15 @@ _BEST = 1e-5  # of the duration: a step that gains less is the last
 _RIGID_STEPS, _RADII = 60, (1e-4, 0.1)
 _COARSE = 0.02  # of the first shake: what matters beside a duration until it is gone
 _FINER, _JUMPY = 4, 1e-5  # steps for each instant; the tolerance where acceleration jumps
-_OVER = 3e-3  # of a torque limit: between instants and by what equal steps miss
+_OVER = 3e-3  # of a limit: between instants and by what equal steps miss
 _LEAST_ROOM, _ROOM = 1e-4, 1e-2  # of a torque limit, for what it is off between instants
-_FASTER = 5e-3  # of a limit of speed: what a platform that swings may be faster
 _FAST = 0.9  # of it, from which that is looked at
 _CLOSE = 0.5  # of a limit of stress or path, from which a step looks at it
 _SLOWER, _HARD = 4, 1.5  # times that a first profile is slowed down for them, if they are beyond
 _BAND, _STILL = 0.96, 0.98  # of the band: what a step aims at; what equal steps must find
 RESTART = 0.05  # radius at the least, where a search begins anew
 _TOO_MUCH, _HELPS = 5e-4, 0.9  # of a torque limit; share of it that a dearer one must leave
-_DEARER, _DEAREST_PUSH = 2.0, 30.0  # times as dear; the most
+_DEARER, DEAR = 2.0, 30.0  # times as dear; the most
 _CUTS, _OUT = 4, 1.01  # programmes of a step, each with rows where the last left the band
 _AFTER = 40  # instants after the end, beside peaks, that a step looks at
 _WORTH = 4.0  # of `close`: what a step hopes for that is tried again however often it fails
@@ -74,6 +73,7 @@ class Task:
         pushed: Whether motors push with the rigid robot's torque of a profile instead of following
             it; the box holds for each of them too [rad | m].
         strains: What finds stress and distance from the path, where they are limited.
+        over: Share of limits that runs may be beyond.
     """
 
     target: str
@@ -86,6 +86,7 @@ class Task:
     box: tuple[float, float] | None = None
     pushed: bool = False
     strains: Strains | None = None
+    over: float = _OVER
 
     @property
     def far(self) -> Array | None:
@@ -151,7 +152,7 @@ class Look:
 
     Attributes:
         profile: Of the runs. runs: One a model.
-        torque: Of the nominal model before the end, (instants, nm).
+        torque: Of the nominal model before the end, at instants and between, (samples, nm).
         place: Of each platform from rest after it, (models, instants, 3).
         ends: Of a box: each axis of platform, then of motors that push: how far from rest at the
             end and how fast, (models, axes, 2).
@@ -159,6 +160,7 @@ class Look:
             (instants,). speed: Largest speed of it, likewise.
         use: Of limits of stress and path before the end, (instants, links + 1). strain: The most.
         push: Largest torque over its limit. shake: Largest distance from rest over the band.
+        over: Share of limits that may be found beyond.
     """
 
     profile: Profile
@@ -172,13 +174,13 @@ class Look:
     strain: float
     push: float
     shake: float
+    over: float
 
     def cost(self, duration: float, unit: float, dear: float) -> float:
         """What the programme has as its cost: of a duration, a unit of shake, a price of torque."""
         more = SHAKE * max(self.shake - self.still, 0.0) / unit
-        push = max(self.push, self.strain)
-        over = max(push - (1.0 + 0.5 * _OVER), self.speed - (1.0 + _FASTER), 0.0)
-        more += dear * over
+        push = max(self.push, self.strain) - 0.5 * self.over
+        more += dear * max(push - 1.0, self.speed - (1.0 + self.over), 0.0)
         return self.profile.duration / duration + more
 
     @property
@@ -189,17 +191,17 @@ class Look:
     @property
     def kept(self) -> bool:
         """Whether limits and band are."""
-        most = max(self.push, self.strain)
-        return most <= 1.0 + _OVER and self.shake <= self.still and self.speed <= 1.0 + _FASTER
+        most = max(self.push, self.strain, self.speed)
+        return most <= 1.0 + self.over and self.shake <= self.still
 
     @property
     def broken(self) -> list[str]:
         """Which are not, in words; of the band all of it, not only what equal steps must find."""
         limits = (
             (self.shake, 1.0, "of what is allowed at the end"),
-            (self.push, 1.0 + _OVER, "of a limit of torque"),
-            (self.strain, 1.0 + _OVER, "of a limit of stress or path"),
-            (self.speed, 1.0 + _FASTER, "of the limit of the platform's speed"),
+            (self.push, 1.0 + self.over, "of a limit of torque"),
+            (self.strain, 1.0 + self.over, "of a limit of stress or path"),
+            (self.speed, 1.0 + self.over, "of the limit of the platform's speed"),
         )
         return [f"takes {100 * x:.4g} % {what}" for x, most, what in limits if x > most]
 
@@ -220,7 +222,7 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
     after = 2 * grid.moving
     each = [*zip(task.models, runs, task.rest, strict=True)]
     place = np.array([_place(model, run, slice(after, None)) - x for model, run, x in each])
-    torque = runs[0].torque[1:after:2]
+    torque = runs[0].torque[1:after]
     turn = motors_of(task.models[0], runs[0], after + 1)
     push = float(np.max(task.limits.push(runs[0].torque[: after + 1], *turn)))
     if task.pushed:  # what is asked of motors is known: it is largest where an interval ends
@@ -243,7 +245,7 @@ def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
         use = task.strains.use(task.strains.states_of(runs[0]).at(slice(after + 1)))
     strain = float(use.max(initial=0.0))
     return Look(profile, runs, torque, place[:, 1::2], ends, rates[1:after:2], speed,
-                use[1:after:2], strain, push, shake)  # fmt: skip
+                use[1:after:2], strain, push, shake, task.over)  # fmt: skip
 
 
 def motors_of(model: Mechanism, run: Result, until: int | None = None) -> tuple[Array, Array]:
@@ -297,6 +299,7 @@ class Search:
         radius: Of the next step, in shares of what the numbers may be.
         unit: In which shake costs, in bands: less than that of the first look by far.
         push: What torques too much cost; dearer where that is too cheap.
+        any_kept: Whether the first profile that keeps all will do.
     """
 
     task: Task
@@ -305,6 +308,7 @@ class Search:
     radius: float = 0.05
     unit: float = 1.0
     push: float = 1.0
+    any_kept: bool = False
 
     def go(self, first: Profile, steps: int, close: float) -> Look:
         """The best profile found; over when a step hopes for less than `close` of the duration."""
@@ -319,6 +323,8 @@ class Search:
         fresh: list[Response] = []
         stuck = 0
         for _ in range(steps):
+            if self.any_kept and best is not None:
+                break
             self.tell(now)
             fresh = fresh or self._responses(now)
             new, foreseen = self._next(now, fresh, _Bent())
@@ -387,7 +393,7 @@ class Search:
             h = self.grid.step * T
             ends = ends - [ends_by(by.platform, e, h, T) @ step
                            for by, e in zip(fresh, now.ends, strict=True)]  # fmt: skip
-        torque = new.torque - now.torque - fresh[0].torque @ step
+        torque = new.torque - now.torque - _between(fresh[0].torque) @ step
         rates = np.zeros(0)
         if (far := self.task.far) is not None:
             most = float(np.linalg.norm(far)) * self.task.limits.speed
@@ -405,7 +411,7 @@ class Search:
             near = np.abs(now.rates) > _FAST
             most_of = float(np.linalg.norm(task.far)) * limits.speed
             rates = (now.rates + bent.rates)[near]
-            rows.both(fresh[0].rate[near] / most_of, rates, 1.0 + 0.5 * _FASTER, slack=-1)
+            rows.both(fresh[0].rate[near] / most_of, rates, 1.0, slack=-1)
         if len(at := now.near):
             use = now.use[at] + bent.use
             between = now.strain - float(now.use.max())
@@ -416,13 +422,13 @@ class Search:
             asked, by = task.rigid[0].torque_by(B, here.x, here.duration)
             torque_rows(rows, by, asked, most)
         else:
-            by = fresh[0].torque
-            B = basis(here.ends, here.jumps, self.grid.u[: self.grid.moving])
+            by = _between(fresh[0].torque)
+            B = basis(here.ends, here.jumps, _between(self.grid.u[: self.grid.moving]))
             v, a, v_by = task.rigid[0].turning(B, here.x, here.duration)
             seen = now.torque
             if limits.jumps:  # a torque is largest where an interval begins or ends
                 by, torque, seen, v, a, v_by = (
-                    np.concatenate([x, _at_ends(x, self.grid.each)])
+                    np.concatenate([x[::2], _at_ends(x[::2], self.grid.each)])
                     for x in (by, torque, seen, v, a, v_by)
                 )
             between = now.push - float(np.max(limits.push(seen, v, a)))
@@ -454,7 +460,7 @@ class Search:
         """
         limits, longest = self.task.limits, min(_LONGEST, self.radius)
         found = solved(rows, here, limits, self.radius, longest, self.push)
-        while found[2][1] > _TOO_MUCH and self.push < _DEAREST_PUSH:
+        while found[2][1] > _TOO_MUCH and self.push < DEAR:
             again = solved(rows, here, limits, self.radius, longest, _DEARER * self.push)
             if again[2][1] > _HELPS * found[2][1]:
                 break
@@ -477,6 +483,13 @@ class Search:
                      unit=self.unit * self.task.band)  # fmt: skip
             cut |= bool(len(at))
         return cut
+
+
+def _between(x: Array) -> Array:
+    """Values at instants and, by their means, between these, (2 instants - 1, ...)."""
+    found = np.repeat(x, 2, axis=0)[:-1]
+    found[1::2] += 0.5 * np.diff(x, axis=0)
+    return found
 
 
 def _instants_after(away: Array) -> IntArray:

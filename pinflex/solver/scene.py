@@ -417,6 +417,13 @@ class Scene:
             run = replace(run, signals=problem.sampler.signals(run.t, run.y))
         return start.told(run)
 
+    def after_acts(self, run: Run) -> Run:
+        """A run with what a digital controller drives at its instants, just after these."""
+        if not self.sampled:
+            return run
+        problem = self._problem(run.t, self.equations())
+        return problem.after_jumps(run, breaks(self.motion, self._loads))
+
     def _problem(self, t: Array, dynamics: Equations) -> Problem:
         """What a run solves, with the digital controller that acts in it."""
         drive, sampler = self._drive(t), None

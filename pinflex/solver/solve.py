@@ -246,7 +246,8 @@ def _control(
         raise TypeError(f"control: {control!r}")  # said in full by the boundary
     if isinstance(control, Control) and spec.level != "coupled":
         raise DescriptionError(
-            f"{mechanism.name}: a control acts at level coupled only, not at {spec.level}."
+            f"{mechanism.name}: a control acts at level coupled only, not at {spec.level}. Leave "
+            "one of them out."
         )
     if control is False or spec.level != "coupled":
         return None

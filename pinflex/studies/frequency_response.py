@@ -200,7 +200,7 @@ def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tupl
     if not known:
         raise DescriptionError(
             f"{path}: none of the outputs {', '.join(outputs)} among the columns "
-            f"{', '.join(columns)}."
+            f"{', '.join(columns)}. Ask for one of these (--output)."
         )
     return known
 
@@ -222,7 +222,7 @@ def _estimated(columns: dict[str, Array], source: str, name: str) -> Measured:
     t, x, y = columns["t"], columns[source], columns[name]
     step = np.diff(t)
     if len(t) < 2 * _SEGMENTS or np.ptp(step) > 1e-3 * np.mean(step):
-        raise DescriptionError("measured: t has to be uniform, with 16 samples or more.")
+        raise DescriptionError("measured: t: give 16 equal steps or more.")
     keys: dict[str, Any] = {"fs": 1.0 / float(np.mean(step))}
     keys["nperseg"] = 2 * len(t) // (_SEGMENTS + 1)
     f, cross = csd(x, y, **keys)

@@ -93,7 +93,7 @@ def measure(
     missing = [name for name in wanted if name not in found]
     if missing:
         raise DescriptionError(
-            f"{mechanism.name}: output {missing[0]}: the scene has none. It has "
+            f"{mechanism.name}: output {missing[0]}: the scene has none. Ask for what it has: "
             f"{', '.join(sorted(found)) or 'none of those asked'}."
         )
     return found

@@ -505,6 +505,7 @@ class _Problem:
 
         low, high = self.bounds.T
         inside = np.clip(x, low + 1e-9, high - 1e-9)
+        self._last = np.zeros(0)  # from afar there were others, and their scale was another
         found = least_squares(
             rows, inside, jac=slope, bounds=(low, high), xtol=stop,
             ftol=1e-13, gtol=1e-13, max_nfev=60,

@@ -77,7 +77,8 @@ def _checked(found: Columns, where: str) -> Columns:
     """The columns, if they are of one length, finite, and over frequency or time."""
     if "t" not in found and "frequency" not in found:
         raise DescriptionError(
-            f"{where}: no column t and no column frequency. Columns: {', '.join(found)[:200]}."
+            f"{where}: no column t and no column frequency. Name one of these: "
+            f"{', '.join(found)[:200]}."
         )
     sizes = {len(values) for values in found.values()}
     if len(sizes) > 1 or 0 in sizes:

@@ -87,6 +87,20 @@ def test_a_sampled_pd_on_a_mass_is_its_exact_discrete_system(
     assert found.meta["energy_balance"] < 1e-12
 
 
+def test_samples_on_a_jump_have_what_is_just_after(free: pf.Mechanism) -> None:
+    """Of what the controller drives, at its instants, and of a load that switches on and off."""
+    pushed = free.with_("forces={push: {at: arm, moment: [0, 0, 2], start: 0.105, until: 0.2}}")
+    found = pf.solve(
+        pushed, level="coupled", until=0.3, samples=61,
+        control=pf.Control(ARM, HUB, lambda t, m, rate, total: 40 * (1 - m), period=PERIOD),
+    )  # fmt: skip
+    driven = found.array(next(key for key in found.arrays if key.startswith("control/")))
+    np.testing.assert_allclose(found.torque[:, 0], driven, rtol=1e-12)  # read off a polynomial
+    acts = 2.0 * ((found.t > 0.105 - 1e-9) & (found.t < 0.2 - 1e-9))
+    # of J a to some digits
+    np.testing.assert_allclose(J * found.joint("arm_joint").acceleration, driven + acts, atol=1e-9)
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.025])
 def test_it_is_so_beside_a_flexible_arm_in_two_steps_a_hold(delay: float, tmp_path: Path) -> None:
     """The kernel marches it: forces are held, the method is not begun anew where they change."""

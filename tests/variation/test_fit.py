@@ -37,6 +37,7 @@ from pinflex.__main__ import main
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.variation.evaluator import measure
+from pinflex.variation.fit import _Problem
 from pinflex.variation.measured import columns
 from pinflex.variation.peaks import extrapolated, of_frequencies
 from pinflex.variation.profile import covariance, hidden, unseen
@@ -310,6 +311,22 @@ def test_a_search_that_leaves_what_can_be_built_turns_back():
     found = pf.fit(robot, {"frequency": pf.modes(thick, count=3).frequencies}, by)
     assert found[key] == pytest.approx(0.02, rel=1e-5)
     assert np.all(found.intervals[:, 0] < found.best)
+
+
+def test_a_second_search_takes_no_rows_of_the_first(strip):
+    """From afar shapes are among the rows: those are no answer for a design that is none."""
+    data = types.SimpleNamespace(rows=lambda robot, coarse: np.zeros(4 if coarse else 2))
+    designs = variants(strip, {"flexible.*.section.thickness": None})
+    x, bounds = np.zeros(1), dict.fromkeys(("flexible.beam.section.thickness",), (-1.0, 1.0))
+    problem = _Problem(designs, data, bounds, {}, None)
+    problem._search(x, lambda x: problem.rows(x, True), lambda x: np.zeros((4, 1)), 1e-3)
+
+    def none(robot, coarse):
+        raise pf.ConvergenceError("no equilibrium")
+
+    data.rows = none
+    with pytest.raises(pf.ConvergenceError, match="no equilibrium"):
+        problem._search(x, problem.rows, lambda x: np.zeros((2, 1)), 1e-3)
 
 
 def test_bad_bounds_and_priors(strip):

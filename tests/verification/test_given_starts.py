@@ -120,7 +120,7 @@ def test_torque_driven_motors_go_on_as_they_are(tmp_path: Path) -> None:
     ("start", "said"),
     [
         ((np.zeros(3), np.zeros(2)), r"y and v have shapes \(3,\) and \(2,\). Allowed: \(2,\)"),
-        ((np.zeros(2), np.full(2, np.nan)), "no finite numbers"),
+        ((np.zeros(2), np.full(2, np.nan)), "give finite numbers"),
         ((np.zeros(2), "fast"), r"Allowed: auto, .*\(y, v\), coordinates and velocities"),
         ((np.ones(2), np.zeros(2)), "its motors stand 1 "),
     ],

@@ -7,6 +7,8 @@ Claims:
     - mass that is let go of, or caught and let go of, on an elastic drive, on and between steps:
       ked and coupled, by tol and in equal steps, with and without the kernel | closed form | 1e-7
       by tol; second order in steps | 2e-8; ratios 4.0
+    - the same where a force or the motors' acceleration switches in the same step, or beside it |
+      its run by tol | second order in steps | ratios 4.0
     - the same for a delta with locked motors | its run without the payload from the same state |
       1e-7 | passes
     - energy that it brings to or takes from a turning arm | m r^2 w^2 / 2 | 1e-9 | passes
@@ -133,6 +135,25 @@ def test_a_mass_that_goes_leaves_the_closed_form(
         assert off(pf.solve(robot, level="ked", dt=5e-5)) < 1e-6
 
 
+JUMP = "motion={kind: trapezoid, joints: {block_joint: 0.3}, duration: 0.6, ramp: 0.3}"
+PUSH = "forces={{push: {{at: block, force: [0, 0, 30], start: 0.1, until: {}}}}}"
+
+
+@pytest.mark.parametrize("change", [JUMP, PUSH.format(0.3), PUSH.format(0.2995)])
+@pytest.mark.parametrize("when", ["from: 0.3", "until: 0.29999"])
+def test_what_switches_with_it_keeps_the_order_of_steps(
+    change: str, when: str, tmp_path: Path
+) -> None:
+    """In its step, or in the one beside it, whose mean would reach into it."""
+    robot = hung(tmp_path, when, "auto").with_(change)
+    exact = pf.solve(robot, level="coupled", tol=1e-7).frame("block").position[:, 2]
+    for level in ("ked", "coupled"):
+        runs = [pf.solve(robot, level=level, dt=dt) for dt in (1e-3, 5e-4)]
+        errors = [np.abs(run.frame("block").position[:, 2] - exact).max() for run in runs]
+        # phase, as above
+        assert errors[0] < 4e-4 * np.ptp(exact) and errors[0] > 3.5 * errors[1], (level, errors)
+
+
 def test_motors_that_push_feel_it_too(tmp_path: Path) -> None:
     """A rotor of 0.3 kg and a mass on a spring: what is let go of weighs on both."""
     robot, runs = hung(tmp_path, "until: 0.3037", "auto", ""), []
@@ -244,7 +265,7 @@ def test_where_masses_have_to_stay_it_is_refused(tmp_path: Path) -> None:
         lambda: pf.retime(robot, robot.motion),
         lambda: pf.command(robot),
     ):
-        with pytest.raises(pf.DescriptionError, match="here a payload stays. Leave out both"):
+        with pytest.raises(pf.DescriptionError, match="has to stay here. Leave out both"):
             call()
     with pytest.raises(pf.DescriptionError, match="give the shaper its frequencies"):
         pf.ringing(robot, robot.motion)

@@ -286,7 +286,9 @@ def formula(
         values = laws.evaluate(trees[-1], np.linspace(0.0, n["duration"], 101))
         if not np.all(np.isfinite(values)):
             raise keys.bad(
-                where, f"{shown(text)} or its rates are not finite from 0 to {n['duration']:g} s."
+                where,
+                f"{shown(text)} or its rates are not finite from 0 to {n['duration']:g} s. Write "
+                "one that is smooth.",
             )
     law = partial(_formula_law, tuple(trees))
     spec = {"kind": "formula", target: texts, "absolute": absolute, **n}

@@ -377,7 +377,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     n = laws.options("moves", "duration", duration=duration)
     if n.setdefault("duration", last) < last:
         raise laws.bad(
-            "moves.duration", f"{n['duration']:g} s, but the last move ends at {last:g} s."
+            "moves.duration", f"{n['duration']:g} s. Give {last:g} s or more: the last move's end."
         )
     spec = {"kind": "moves", **n, "moves": [
         {target: by_name, "start": s, "duration": d} for _, by_name, s, d in read

@@ -244,26 +244,23 @@ class Loads:
         """Whether a load starts, ends or ramps in time."""
         return any(f.timed for f, _ in self.forces)
 
-    def spread(self, h: float, apart: Collection[FrameForce] = ()) -> Loads:
-        """Loads that switch but those `apart`, as methods of second order feel steps of h [s].
+    def spread(self, h: float, apart: Collection[float] = ()) -> Loads:
+        """Loads that switch, but for times `apart`, as methods of second order feel steps of h [s].
 
         Between steps a switch would act up to half a step early or late. As a ramp of a step's
         length with the same middle it acts where it is, but for those in the first step.
         """
         found: list[tuple[FrameForce, Attachment]] = []
         for force, at in self.forces:
-            if force in apart:
-                found.append((force, at))
-                continue
-            end, full = force.until, force.start + force.ramp
-            if end is not None and end >= max(force.start, h):
+            end, begun, full = force.until, force.start, force.start + force.ramp
+            if end is not None and end not in apart and end >= max(force.start, h):
                 share = 1.0 if end >= full else (end - force.start) / force.ramp
                 off = _times(force, -share, start=end - 0.5 * h, ramp=h)
                 more = [] if end >= full else [_times(force, share - 1.0, end, full - end)]
                 found += [(part, at) for part in (off, *more)]
                 force = replace(force, until=None)
             start = force.start + 0.5 * (force.ramp - h)
-            if force.ramp < h and start >= 0.5 * h:
+            if force.ramp < h and start >= 0.5 * h and not {begun, full} & {*apart}:
                 force = replace(force, start=start, ramp=h)
             found.append((force, at))
         return replace(self, forces=tuple(found))
@@ -379,7 +376,7 @@ def require_staying(description: Description, what: str, then: str = "Leave out 
     """
     if description.payload is not None and description.payload.timed:
         where = f"{description.name}: {what}: payload"
-        raise DescriptionError(f"{where}: from, until: here a payload stays. {then}")
+        raise DescriptionError(f"{where}: from, until: the payload has to stay here. {then}")
 
 
 def _about_joint(M: Array, at: Attachment) -> Array:

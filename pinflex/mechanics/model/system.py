@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -95,14 +96,14 @@ class System:
         loss = np.sum(v @ self.D * v, axis=-1)
         return np.asarray(loss + self.friction.power(v) if self.friction.present else loss)
 
-    def in_steps(self, h: float) -> System:
+    def in_steps(self, h: float, apart: Collection[float] = ()) -> System:
         """The system as equal steps of h [s] feel it: loads that switch are spread over one.
 
-        Not a payload's: where a mass comes or goes steps begin anew.
+        Not at times `apart`, such as those at which a mass comes or goes: there steps begin anew.
         """
         if not self.loads.timed:
             return self
-        return replace(self, loads=self.loads.spread(h, apart=self.added.clocks.values()))
+        return replace(self, loads=self.loads.spread(h, apart))
 
     def weighed(self, rigid: pin.Model, expansion: Expansion, K: Array, D: Array) -> System:
         """The system with other masses, stiffness and damping on the same joints.

@@ -285,7 +285,7 @@ def axes_of_plays(plays: PlayMap, ax: Axes | None = None, path: str | Path | Non
 def _outline(ax: Axes, play: Play, along: tuple[str, str]) -> None:
     rim = play.outline(along)
     if not np.all(np.isfinite(rim)):
-        raise DescriptionError(f"{play.name}: the platform is free there: no outline.")
+        raise DescriptionError(f"{play.name}: the platform is free there. Draw other axes.")
     factor, names = 1.0, []
     for k, axis in enumerate(along):
         factor, unit = _unit(float(np.max(np.abs(rim[:, k]))))

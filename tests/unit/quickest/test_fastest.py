@@ -109,7 +109,8 @@ def test_one_input_leaves_five_springs_still(two, drive, most, n, close):
         end, force = _ends(found.profile, k, drive == "torque")
         assert np.abs(end).max() < 0.01  # steps aim at 0.0099
         if k == 1.0:
-            assert force < 1.0 + 3e-3  # what a search lets a run be over, of 1 % that are asked
+            assert force < 1.0 + 5e-4  # what is printed as 100.0 %
+    assert max(found.shares.values()) < 1.0 + 5e-4
 
 
 def test_the_exact_command_beside_it_is_that_of_two_masses(two, monkeypatch):
@@ -162,7 +163,7 @@ def test_a_path_limit_holds_what_a_skew_spring_does(tmp_path):
             z, off = step @ z, max(off, 0.6 * abs(z[0]))
     # the run that verifies is right to 1e-5, and a step leaves a thousandth of a limit free
     assert off == pytest.approx(most * found.shares["distance from the path"], rel=1e-3)
-    assert 0.95 * most < off < 1.003 * most  # 0.3 % is what a search lets a run be over
+    assert 0.95 * most < off < 1.0005 * most  # printed as 100.0 %
 
 
 ARM = f"""<robot name="arm"><link name="rail"/><link name="cart"><inertial>{MASS}</inertial></link>
@@ -202,7 +203,7 @@ frames: [cart, load]
     # modes of the beam itself shake by a hundredth of the tip
     assert stress == pytest.approx(most * found.shares["stress of beam"], rel=1e-2)
     assert stress == pytest.approx(run.links["beam"].von_mises.max(), rel=1e-2)
-    assert 0.95 < found.shares["stress of beam"] < 1.003  # as above; 0.3 % is what a search lets
+    assert 0.95 < found.shares["stress of beam"] < 1.0005  # as above
     assert found.shares["torque of drive"] < 0.9  # the stress holds it, not the force
     with pytest.raises(pf.DescriptionError, match="not a flexible link"):
         pf.fastest(arm, {"drive": 0.1}, settle=1e-4, limits={"stress": {"cart": 1e6}})
@@ -304,7 +305,7 @@ def test_derivatives_are_those_of_runs(two):
     for change, longer in ((0.1 * dx, 0.0), (0.0 * dx, 0.01)):
         new = search._look(Profile(even(20), first.x + change, 3.0 + longer))
         step = np.append(change, longer)
-        for got, want in ((by.torque @ step, new.torque - at.torque),
+        for got, want in ((by.torque @ step, (new.torque - at.torque)[::2]),
                           (by.platform @ step, (new.place - at.place)[0])):  # fmt: skip
             # second order in the step of 1/160, and in the change of 0.3 %
             assert np.abs(got - want).max() < 1e-2 * np.abs(want).max()
@@ -370,7 +371,7 @@ def test_a_trajectory_is_retimed_from_the_shell(two, tmp_path, capsys):
     assert pf.trajectory(out).duration == pytest.approx(1.875 / 0.5, abs=2e-3)
     assert main([*asked, "--torque", "9", "-o", str(out), "--rate", "50", "--shaper", "zvd"]) == 0
     said = " ".join(capsys.readouterr().out.split())  # ZVD: a period of 2 pi s
-    assert "takes 10.03 s; it had 9 s. The path alone takes 3.75 s, ZVD adds 6.283 s" in said
+    assert "it had 9 s. ZVD takes 6.283 s of it and leaves the path by" in said
     assert np.diff(np.loadtxt(out, delimiter=",", skiprows=1)[:, 0])[0] == pytest.approx(0.02)
     assert main([*asked, "--rate", "50"]) == 2
     assert "Add -o FILE.csv" in capsys.readouterr().err
