@@ -30,7 +30,7 @@ _INTO: dict[str, str | int] = {
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "block_of": "blocks", "block_order": "blocks", "block_above": "blocks", "node_block": "blocks",
-    "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+    "row_a": 3, "row_b": 3, "about": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
     "entry_row": 8, "kink_v": "nv", "kink_q": "nq", "spring_kink": "kinks",
@@ -38,10 +38,27 @@ _INTO: dict[str, str | int] = {
 _SLEEVE_ROWS = constant("MOST_SLEEVE_ROWS")
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
          "added_force", "spring_a", "spring_b", "sleeve_node", "stretch_node",
-         "block_above", "kink_v", "spring_kink"}  # fmt: skip  # may be -1: the base
+         "block_above", "kink_v", "spring_kink", "about"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip
+
+
+def pairs_of(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, IntArray], int]:
+    """Pairs of coordinates that G multiplies, each once: rows of a body share them.
+
+    Those of rows that are sums of products come first; also their number.
+    """
+    given = (arrays[f"g_{name}"] for name in ("i", "j", "at", "rest"))
+    i, j, at, rest = (np.asarray(x, dtype=np.int64) for x in given)
+    row = np.searchsorted(at, np.arange(len(i)), side="right") - 1
+    (first, second), pair = np.unique(np.array([i, j]), axis=1, return_inverse=True)
+    summed = np.zeros(len(first), dtype=bool)
+    summed[pair[np.arange(len(i)) < rest[np.minimum(row, len(rest) - 1)]]] = True
+    order = np.argsort(~summed, kind="stable")
+    number = np.argsort(order)
+    found = {"g_pair": number[pair], "g_first": first[order], "g_second": second[order]}
+    return found, int(summed.sum())
 
 
 class Tables(Record):
@@ -52,6 +69,9 @@ class Tables(Record):
     """
 
     def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
+        pairs, products = pairs_of(arrays)
+        arrays = {**arrays, **pairs}
+        counts = {**counts, "pairs": len(pairs["g_first"]), "products": products}
         self.counts = {name: int(counts[name]) for name in COUNTS}
         sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
         super().__init__("Tables", sizes, arrays)
