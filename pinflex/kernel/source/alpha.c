@@ -13,6 +13,7 @@
 #include <stddef.h>
 
 static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
+static const double CHANCE = 0.02; /* least rate that is believed of corrections which began near round-off */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 /* A tangent is replaced before the next step from a rate of contraction LATE on; or, where what a step
    costs is bounded, behind the next ones, which get on with the old one until then: from as many
@@ -148,10 +149,10 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
     m->usual = m->second;
-    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing;
-       round-off does not shrink a hundredfold. */
-    if (m->began > RESTING * fmin(m->noise, size) || m->tolerance * m->reference > m->noise)
-      m->rate = rate;
+    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing.
+       What has shrunk a hundredfold is none, but for a chance, which shall not promise too much. */
+    if (m->began > RESTING * m->noise || m->tolerance * m->reference > m->noise) m->rate = rate;
+    else if (m->began > RESTING * size) m->rate = fmax(rate, CHANCE);
   }
   *stuck = iteration >= 3 && size > 0.5 * m->previous;
   m->previous = size;
