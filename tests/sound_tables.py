@@ -24,14 +24,14 @@ _INTO: dict[str, str | int] = {
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
     "joint_spring_v": "nv", "joint_spring_q": "nq", "rub_v": "nv", "k_j": "n_eta", "d_j": "nv",
     "block_of": "blocks", "block_order": "blocks", "block_above": "blocks", "node_block": "blocks",
-    "row_a": 3, "row_b": 3, "kind": 7, "row_kind": 3,
+    "row_a": 3, "row_b": 3, "about": 3, "kind": 7, "row_kind": 3,
     "sleeve_node": "nodes", "stretch_node": "nodes", "stretch_track": "tracks",
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
     "entry_row": 8, "kink_v": "nv", "kink_q": "nq", "spring_kink": "kinks",
 }  # fmt: skip
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
          "added_force", "spring_a", "spring_b", "sleeve_node", "stretch_node",
-         "block_above", "kink_v", "spring_kink"}  # fmt: skip  # may be -1: the base
+         "block_above", "kink_v", "spring_kink", "about"}  # fmt: skip  # may be -1: the base
 _AHEAD = {  # coordinates that a node has by its kind: of Q and of V
     "node_q": (1, 2, 1, 3, 4, 7, 4), "node_v": (1, 1, 1, 3, 3, 6, 3)
 }  # fmt: skip

@@ -21,7 +21,7 @@ from pinflex.errors import DescriptionError
 from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
 from pinflex.integrators.problem import Problem
-from pinflex.kernel.evaluate import Tables
+from pinflex.kernel.evaluate import Tables, pairs_of
 from pinflex.kernel.march import RESTARTS, MarchKernel, StageKernel, Table
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment, Slot
@@ -185,6 +185,7 @@ def widened(tables: TableArrays, pattern: dict[str, IntArray]) -> TableArrays:
         if name == "g":  # rows are of products, or of sums of squares
             products = tables["g_rest"] == tables["g_at"][1:]
             out["g_rest"] = np.where(products, at[1:], at[:-1])
+            out |= {key: x.astype(float) for key, x in pairs_of(out)[0].items()}
     return out
 
 

@@ -20,6 +20,23 @@ from pinflex.kernel.library import Record, aligned, kernel, names
 COUNTS = names("Tables", ctypes.c_int64)
 
 
+def pairs_of(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, IntArray], int]:
+    """Pairs of coordinates that G multiplies, each once: rows of a body share them.
+
+    Those of rows that are sums of products come first; also their number.
+    """
+    given = (arrays[f"g_{name}"] for name in ("i", "j", "at", "rest"))
+    i, j, at, rest = (np.asarray(x, dtype=np.int64) for x in given)
+    row = np.searchsorted(at, np.arange(len(i)), side="right") - 1
+    (first, second), pair = np.unique(np.array([i, j]), axis=1, return_inverse=True)
+    summed = np.zeros(len(first), dtype=bool)
+    summed[pair[np.arange(len(i)) < rest[np.minimum(row, len(rest) - 1)]]] = True
+    order = np.argsort(~summed, kind="stable")
+    number = np.argsort(order)
+    found = {"g_pair": number[pair], "g_first": first[order], "g_second": second[order]}
+    return found, int(summed.sum())
+
+
 class Tables(Record):
     """Tables of one system; the C code may read every entry that they point to.
 
@@ -28,6 +45,10 @@ class Tables(Record):
     """
 
     def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
+        if "g_pair" not in arrays:
+            pairs, products = pairs_of(arrays)
+            arrays = {**arrays, **pairs}
+            counts = {**counts, "pairs": len(pairs["g_first"]), "products": products}
         self.counts = {name: int(counts[name]) for name in COUNTS}
         sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
         super().__init__("Tables", sizes, arrays)

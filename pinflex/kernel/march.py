@@ -150,7 +150,7 @@ class AlphaKernel:
         for which, given in (("now", now), ("last", last)):
             for name, values in zip(_OF_STATE, given, strict=True):
                 self._states[which].arrays[name][...] = values
-        self.at.stale = 1
+        self.at.stale, self.at.curved = 1, -1
 
     def march(self, first: int, count: int) -> int:
         """Up to so many steps, the first to instant `first`; the number of steps taken."""

@@ -32,7 +32,7 @@ _LISTS = (
 )
 _COUNTS = ("free", "motors", "prescribed", "plain", "circles", "balls", "bodies")
 _SETTINGS = (
-    *("most", "stale", "allowed", "every", "age", "due", "ready", "stopped"),
+    *("most", "stale", "allowed", "every", "age", "due", "ready", "stopped", "curved"),
     *("mass", "by_v", "by_y"),
     *("tolerance", "farthest", "reference", "peak", "noise", "rate", "began", "previous", "second"),
     "usual",
@@ -67,7 +67,8 @@ def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
 
 def _settings(engine: Engine) -> dict[str, float]:
     at = engine.kernel.at
-    return {name: getattr(at, name) for name in _SETTINGS} | {"stale": 1, "ready": 0, "stopped": -1}
+    begun = {"stale": 1, "ready": 0, "stopped": -1, "curved": -1}
+    return {name: getattr(at, name) for name in _SETTINGS} | begun
 
 
 def _start(engine: Engine, outputs: Outputs) -> dict[str, npt.NDArray[Any]]:

@@ -13,6 +13,7 @@
 #include <stddef.h>
 
 static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
+static const double CHANCE = 0.02; /* least rate that is believed of corrections which began near round-off */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 /* A tangent is replaced before the next step from a rate of contraction LATE on; or, where what a step
    costs is bounded, behind the next ones, which get on with the old one until then: from as many
@@ -88,8 +89,10 @@ static void predict(const Tables *t, Alpha *m, const Rows *to, const State *last
   const Stages *st = m->joints;
   const State *now = &m->now, *x = &m->next;
   const double *P = m->predict;
-  for (Int i = 0; i < t->nv; i++) x->a[i] = 2.0 * now->a[i] - last->a[i];
-  for (Int k = 0; k < t->closures; k++) x->lam[k] = 2.0 * now->lam[k] - last->lam[k];
+  double bent = m->curved > 0 && last != now;
+  for (Int i = 0; i < t->nv; i++) x->a[i] = 2.0 * now->a[i] - last->a[i] + bent * m->bend[i];
+  for (Int k = 0; k < t->closures; k++)
+    x->lam[k] = 2.0 * now->lam[k] - last->lam[k] + bent * m->bend_lam[k];
   for (Int k = 0; k < led(st); k++) x->a[st->motor_v[k]] = to->feed[k];
   for (Int i = 0; i < t->nv; i++) {
     double a = x->a[i], b = now->a[i], s = now->s[i], v = now->v[i];
@@ -146,8 +149,10 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
     m->usual = m->second;
-    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing. */
+    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing.
+       What has shrunk a hundredfold is none, but for a chance, which shall not promise too much. */
     if (m->began > RESTING * m->noise || m->tolerance * m->reference > m->noise) m->rate = rate;
+    else if (m->began > RESTING * size) m->rate = fmax(rate, CHANCE);
   }
   *stuck = iteration >= 3 && size > 0.5 * m->previous;
   m->previous = size;
@@ -230,12 +235,29 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
   return is_near(t, m) ? 0 : lost(t, m);
 }
 
+/* How far the next state is off the line through the last two, and whether it lies nearer to the
+   parabola through the last three: at rest that only makes more of round-off. */
+static void bend(const Tables *t, Alpha *m) {
+  const State *x = &m->next, *now = &m->now, *last = &m->last;
+  double line = 0.0, parabola = 0.0;
+  for (Int k = 0; k < t->closures; k++)
+    m->bend_lam[k] = x->lam[k] - 2.0 * now->lam[k] + last->lam[k];
+  for (Int j = 0; j < m->joints->free; j++) {
+    Int i = m->joints->free_at[j];
+    double off = x->a[i] - 2.0 * now->a[i] + last->a[i], change = off - m->bend[i];
+    line += m->weight[j] * off * off, parabola += m->weight[j] * change * change;
+    m->bend[i] = off;
+  }
+  m->curved = m->curved >= 0 && parabola < line;
+}
+
 /* Record the next state, with the torques that the last correction completes, and go there. */
 static void go_there(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   const Stages *st = m->joints;
   State *x = &m->next, old = m->last;
   Int n = st->free, nv = t->nv, rows = t->closures;
   const Told told = {to->position, to->velocity, to->feed};
+  bend(t, m);
   pull(t, st, &told, x->y, x->v, to->torque, NULL);
   for (Int k = 0; k < led(st); k++) {
     double sum = m->r[st->motor_v[k]];

@@ -21,6 +21,8 @@ typedef struct {
   const Law *law;                      /* a feedback, or NULL */
   const double *predict;               /* [3, 4] a, and a, s, v before, to s, v and the move */
   State now, last, next;               /* of last: a and lam */
+  Int curved;                          /* whether a, lam go on along a parabola, not a line; -1: a start */
+  double *bend, *bend_lam;             /* [nv], [closures] how far the last ones were off their lines */
   double *move, *r;                    /* [nv] */
   double *open;                        /* [closures] */
   double *x, *room;                    /* [size] */

@@ -32,12 +32,14 @@ typedef struct {
   Int joint_springs, rubs, blocks;        /* blocks: of columns that joints depend on */
   Int couplings, added, bent;             /* joints that follow; added masses; large bends */
   Int sleeves, tracks;                    /* on beams; motions of sections along a beam */
+  Int pairs, products;                    /* of coordinates that G multiplies; those in g_rest */
   Int squares;                            /* psi . eta, squared: rows of G as sums of them */
   Int kinks;                              /* laws of pieces, see kinks.c */
   Int touches;                            /* contacts, see touch.c */
   const Int *q_at;                                       /* [nq_rigid] of rigid q in Q */
   const Int *v_at;                                       /* [nv_rigid] of rigid v in V */
   const Int *parent, *kind, *node_q, *node_v;            /* [nodes] */
+  const Int *about;                                      /* [nodes] axis, 0 to 2, see tree.c; or -1 */
   const Int *point_node, *point_q, *point_v;             /* [points] */
   const Int *twist_node, *twist_q, *twist_v;             /* [twists] */
   const Int *row_q, *row_v;                              /* [rows] elastic rows */
@@ -45,6 +47,8 @@ typedef struct {
   const Int *phi_i;                                      /* [*phi_at] Phi by rows */
   const Int *g_at;                                       /* [rows+1] */
   const Int *g_i, *g_j;                                  /* [*g_at] G, upper triangle by rows */
+  const Int *g_pair;                                     /* [*g_at] numbers of pairs, each once: */
+  const Int *g_first, *g_second;                         /* [pairs] products come first */
   const Int *x_at;                                       /* [nV+1] rows of X in lanes */
   const Int *block_of;                                   /* [nV] their blocks of columns */
   const Int *block_at;                                   /* [blocks+1] */
@@ -143,6 +147,8 @@ typedef struct {
   int moving; /* whether velocities of nodes are wanted */
   const Lane *eta, *rate, *growth; /* what `expand` was given */
   Lane *beam;   /* what sleeves do to eta */
+  Lane *product; /* eta_i eta_j and its two rates of each pair, (products, 3) */
+  Lane *push;    /* forces on them, (products,) */
   Lane *square; /* s = psi . eta, s^2 and its two rates, (squares, 4) */
   Lane *wrench; /* of loops on their B about frame b, (loops, 6), where wanted */
   double *room; /* of sleeves */

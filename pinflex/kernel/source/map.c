@@ -1,6 +1,18 @@
 /* The coordinate map: minimal coordinates y = (q, eta) to the expanded ones, and forces back. */
 #include "kernel.h"
 
+/* Products of two coordinates and their rates: rows of a body are sums of the same ones. */
+static void take_products(const Tables *t, Work *w) {
+  const Lane *eta = w->eta, *rate = w->rate, *growth = w->growth;
+  for (Int q = 0; q < t->products; q++) {
+    Int i = t->g_first[q], j = t->g_second[q];
+    Lane *out = w->product + 3 * q;
+    out[0] = eta[i] * eta[j];
+    out[1] = eta[i] * rate[j] + eta[j] * rate[i];
+    out[2] = eta[i] * growth[j] + eta[j] * growth[i] + 2.0 * (rate[i] * rate[j]);
+  }
+}
+
 /* Q = q_rigid | Phi eta + 1/2 eta' G eta,  V = X v,  A = X a + Xdot v,  X = Phi + G eta.
    Of the symmetric G the upper triangle is kept, with half the diagonal: eta' G eta / 2 is then the
    sum of g eta_i eta_j. Rows of many such products that are sums of a few squares, k s^2 with
@@ -113,31 +125,57 @@ static void project_squares(const Tables *t, const Work *w, Lane *r_eta) {
   }
 }
 
+/* Rows of Phi and of products. What tables point to is named first: to the compiler, a lane that is
+   stored may be one of the pointers. */
+static void sum_products(const Tables *t, const Work *w) {
+  const Lane *eta = w->eta, *rate = w->rate, *growth = w->growth, *product = w->product;
+  const Int *phi_at = t->phi_at, *phi_i = t->phi_i;
+  const Int *g_at = t->g_at, *g_rest = t->g_rest, *g_pair = t->g_pair;
+  const double *phi = t->phi, *g = t->g;
+  for (Int e = 0, rows = t->rows; e < rows; e++) {
+    Lane u = lane(0), du = lane(0), ddu = lane(0);
+    for (Int p = phi_at[e], end = phi_at[e + 1]; p < end; p++) {
+      Int i = phi_i[p];
+      u += phi[p] * eta[i], du += phi[p] * rate[i], ddu += phi[p] * growth[i];
+    }
+    for (Int p = g_at[e], end = g_rest[e]; p < end; p++) {
+      const Lane *of = product + 3 * g_pair[p];
+      u += g[p] * of[0], du += g[p] * of[1], ddu += g[p] * of[2];
+    }
+    w->Q[t->row_q[e]] = u, w->V[t->row_v[e]] = du, w->A[t->row_v[e]] = ddu;
+  }
+}
+
+/* r_eta += X' g of the same rows */
+static void project_products(const Tables *t, const Work *w, const Lane *eta, Lane *r_eta) {
+  const Int *phi_at = t->phi_at, *phi_i = t->phi_i;
+  const Int *g_at = t->g_at, *g_rest = t->g_rest, *g_pair = t->g_pair;
+  const double *phi = t->phi, *g = t->g;
+  const Int *row = t->row_v, *first = t->g_first, *second = t->g_second;
+  const Lane *force = w->V;
+  Lane *push = w->push;
+  Int rows = t->rows, products = t->products;
+  for (Int q = 0; q < products; q++) push[q] = lane(0);
+  for (Int e = 0; e < rows; e++) {
+    Lane f = force[row[e]];
+    for (Int p = phi_at[e], end = phi_at[e + 1]; p < end; p++) r_eta[phi_i[p]] += phi[p] * f;
+    for (Int p = g_at[e], end = g_rest[e]; p < end; p++) push[g_pair[p]] += g[p] * f;
+  }
+  for (Int q = 0; q < products; q++) {
+    Int i = first[q], j = second[q];
+    r_eta[i] += push[q] * eta[j];
+    r_eta[j] += push[q] * eta[i];
+  }
+}
+
 void expand(const Tables *t, Work *w, const Lane *y, const Lane *v, const Lane *a) {
   const Lane *eta = y + t->nq_rigid, *rate = v + t->nv_rigid, *growth = a + t->nv_rigid;
   w->eta = eta, w->rate = rate, w->growth = growth;
+  take_products(t, w);
   take_squares(t, w);
   for (Int k = 0; k < t->nq_rigid; k++) w->Q[t->q_at[k]] = y[k];
   for (Int k = 0; k < t->nv_rigid; k++) w->V[t->v_at[k]] = v[k], w->A[t->v_at[k]] = a[k];
-  for (Int e = 0; e < t->rows; e++) {
-    Lane u = lane(0), du = lane(0), ddu = lane(0);
-    for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) {
-      Int i = t->phi_i[p];
-      u += t->phi[p] * eta[i];
-      du += t->phi[p] * rate[i];
-      ddu += t->phi[p] * growth[i];
-    }
-    for (Int p = t->g_at[e]; p < t->g_rest[e]; p++) {
-      Int i = t->g_i[p], j = t->g_j[p];
-      double g = t->g[p];
-      u += g * (eta[i] * eta[j]);
-      du += g * (eta[i] * rate[j] + eta[j] * rate[i]);
-      ddu += g * (eta[i] * growth[j] + eta[j] * growth[i] + 2.0 * (rate[i] * rate[j]));
-    }
-    w->Q[t->row_q[e]] = u;
-    w->V[t->row_v[e]] = du;
-    w->A[t->row_v[e]] = ddu;
-  }
+  sum_products(t, w);
   sum_squares(t, w);
 }
 
@@ -155,16 +193,7 @@ void project(const Tables *t, const Work *w, const Lane *y, const Lane *v, Lane 
   Lane *r_eta = r + t->nv_rigid;
   for (Int k = 0; k < t->nv_rigid; k++) r[k] = w->V[t->v_at[k]];
   for (Int i = 0; i < t->nv - t->nv_rigid; i++) r_eta[i] = t->sleeves ? -w->beam[i] : lane(0);
-  for (Int e = 0; e < t->rows; e++) {
-    Lane g = w->V[t->row_v[e]];
-    for (Int p = t->phi_at[e]; p < t->phi_at[e + 1]; p++) r_eta[t->phi_i[p]] += t->phi[p] * g;
-    for (Int p = t->g_at[e]; p < t->g_rest[e]; p++) {
-      Int i = t->g_i[p], j = t->g_j[p];
-      Lane push = t->g[p] * g;
-      r_eta[i] += push * eta[j];
-      r_eta[j] += push * eta[i];
-    }
-  }
+  project_products(t, w, eta, r_eta);
   project_squares(t, w, r_eta);
   add_strain(t, eta, r_eta); /* stiff forces come last */
   for (Int i = 0; i < t->nv; i++)

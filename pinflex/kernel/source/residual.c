@@ -8,7 +8,7 @@ static Int padded(Int bytes) { return (bytes + 63) / 64 * 64; }
    the tangent needs. */
 EXPORT Int pinflex_work_size(const Tables *t) {
   Int lanes = t->nQ + 2 * t->nV + t->nq + 4 * t->nv + 3 * t->closures + t->forces
-              + 4 * t->squares + 6 * t->loops;
+              + 4 * (t->squares + t->products) + 6 * t->loops;
   return padded(t->nodes * (Int)sizeof(Node)) + padded(lanes * (Int)sizeof(Lane))
          + (tangent_size(t) + sleeve_room(t) + 2 * t->kinks) * (Int)sizeof(double);
 }
@@ -28,7 +28,9 @@ void lay_out(const Tables *t, char *memory, Work *w, Group *g) {
   g->open = g->c + t->closures;
   g->scale = g->open + t->closures;
   w->beam = g->scale + t->forces;
-  w->square = w->beam + t->nv - t->nv_rigid;
+  w->product = w->beam + t->nv - t->nv_rigid;
+  w->push = w->product + 3 * t->products;
+  w->square = w->push + t->products;
   g->wrench = w->square + 4 * t->squares;
   w->wrench = 0;
   g->more = (double *)(((uintptr_t)(g->wrench + 6 * t->loops) + 63) / 64 * 64);
@@ -55,6 +57,10 @@ void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, cons
 }
 
 void gather(const double *from, Int count, Int width, Int first, Lane *to) {
+  if (first + 1 == count) {
+    for (Int i = 0; i < width; i++) to[i] = lane(from[first * width + i]);
+    return;
+  }
   for (int l = 0; l < LANES; l++) {
     const double *row = from + (first + l < count ? first + l : count - 1) * width;
     for (Int i = 0; i < width; i++) to[i][l] = row[i];

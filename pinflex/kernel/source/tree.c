@@ -112,6 +112,42 @@ static int spin(const Tables *t, Int i, const Lane *V, const Lane *A, Lane *s, L
   }
 }
 
+/* A joint that turns about an axis k of the node before, at its origin, mixes the two others: E holds
+   cosine and sine alone. Nodes of a beam are mostly such. In line, for axes that are known there. */
+static inline void mix(Lane c, Lane s, int i, int j, const Lane *v, Lane *out) {
+  Lane x = c * v[i] - s * v[j];
+  out[j] = s * v[i] + c * v[j], out[i] = x, out[3 - i - j] = v[3 - i - j];
+}
+
+/* `reach` of such a joint, k, i, j in the order of x, y, z; its pose, where it is wanted; and inward. */
+#define INLINE static inline __attribute__((always_inline))
+INLINE void about(const Tables *t, Work *w, Int at, int placed, int k, int i, int j) {
+  Node *n = w->node + at;
+  const Node *up = node_at(w, t->parent[at]);
+  const Lane *Q = w->Q + t->node_q[at];
+  Lane c, s, rate = w->V[t->node_v[at]];
+  if (t->kind[at] == CIRCLE) c = Q[0], s = Q[1];
+  else sine_cosine(Q[0], &s, &c);
+  n->E[0] = c, n->E[1] = s;
+  mix(c, -s, i, j, up->a, n->a);
+  mix(c, -s, i, j, up->w, n->w);
+  mix(c, -s, i, j, up->alpha, n->alpha);
+  if (w->moving) mix(c, -s, i, j, up->v, n->v);
+  n->alpha[i] += n->w[j] * rate, n->alpha[j] -= n->w[i] * rate;
+  n->alpha[k] += w->A[t->node_v[at]], n->w[k] += rate;
+  for (int d = 0; placed && d < 3; d++) { /* rows of R E */
+    n->p[d] = up->p[d];
+    mix(c, -s, i, j, up->R + 3 * d, n->R + 3 * d);
+  }
+}
+
+INLINE void hand_on(const Node *n, Node *up, int i, int j) {
+  Lane F[3], N[3];
+  mix(n->E[0], n->E[1], i, j, n->F, F);
+  mix(n->E[0], n->E[1], i, j, n->N, N);
+  for (int d = 0; d < 3; d++) up->F[d] += F[d], up->N[d] += N[d];
+}
+
 /* w' = E'w + s,  alpha' = E'alpha + ds + (E'w) x s,  a' = E' (acceleration of the origin) */
 static void reach(const Tables *t, Work *w, Int i) {
   Node *n = w->node + i;
@@ -215,8 +251,14 @@ void outward(const Tables *t, Work *w, int placed) {
   memset(&w->base, 0, sizeof w->base);
   for (int d = 0; d < 3; d++) w->base.R[4 * d] = lane(1.0), w->base.a[d] = lane(-t->gravity[d]);
   for (Int i = 0; i < t->nodes; i++) {
-    reach(t, w, i);
-    if (placed) pose(t, w, i);
+    switch (t->about[i]) {
+      case 0: about(t, w, i, placed, 0, 1, 2); break;
+      case 1: about(t, w, i, placed, 1, 2, 0); break;
+      case 2: about(t, w, i, placed, 2, 0, 1); break;
+      default:
+        reach(t, w, i);
+        if (placed) pose(t, w, i);
+    }
     inertia(t, w, i);
   }
   mass_points(t, w);
@@ -255,6 +297,11 @@ void inward(const Tables *t, Work *w) {
     deliver(t, w, i);
     if (t->parent[i] < 0) continue;
     Node *up = w->node + t->parent[i];
+    switch (t->about[i]) {
+      case 0: hand_on(n, up, 1, 2); continue;
+      case 1: hand_on(n, up, 2, 0); continue;
+      case 2: hand_on(n, up, 0, 1); continue;
+    }
     Lane F[3], N[3], arm[3];
     turn(n->E, n->F, F);
     turn(n->E, n->N, N);

@@ -51,6 +51,7 @@ static size_t lay_robot(Robot *r, char *block) {
   Int nv = t->nv, rows = t->closures, n = M->joints->free, nm = M->joints->motors, size = n + rows;
   Alpha *m = &r->at;
   m->now = state(block, &used), m->last = state(block, &used), m->next = state(block, &used);
+  m->bend = take(block, &used, nv), m->bend_lam = take(block, &used, rows);
   m->move = take(block, &used, nv), m->r = take(block, &used, nv);
   m->open = take(block, &used, rows), m->x = take(block, &used, size);
   m->tangent = take(block, &used, nv * (3 * nv + rows)), m->lu = take(block, &used, size * size);

@@ -265,6 +265,13 @@ def _kind(joint: Any) -> tuple[int, Sequence[float]]:
     return kind, (twist[:3] if kind == SLIDE else twist[3:]).tolist()
 
 
+def _about(kind: tuple[int, Sequence[float]], R0: Array, p0: Array) -> int:
+    """The axis of the node before, about which a joint turns at its origin; -1: none."""
+    turns = kind[0] in (REVOLUTE, CIRCLE) and list(kind[1]).count(0.0) == 2 and max(kind[1]) == 1.0
+    plain = turns and not p0.any() and np.array_equal(R0, np.eye(3))
+    return list(kind[1]).index(1.0) if plain else -1
+
+
 def _rows_of(model: pin.Model, joints: list[int], prefix: str) -> dict[str, Any]:
     return {
         f"{prefix}_q": np.array(model.idx_qs.tolist())[joints],
@@ -276,12 +283,14 @@ def _nodes(model: pin.Model, joints: list[int], node_of: IntArray) -> dict[str, 
     every = model.joints.tolist(), model.jointPlacements.tolist()
     own, places = ([of[j] for j in joints] for of in every)
     kinds = [_kind(joint) for joint in own]
+    R0, p0 = ([getattr(place, x) for place in places] for x in ("rotation", "translation"))
     return {
         "parent": node_of[model.parents.tolist()][joints],
         "kind": [kind for kind, _ in kinds],
         "axis": [axis for _, axis in kinds],
-        "R0": [place.rotation for place in places],
-        "p0": [place.translation for place in places],
+        "about": [_about(*of) for of in zip(kinds, R0, p0, strict=True)],
+        "R0": R0,
+        "p0": p0,
         **_rows_of(model, joints, "node"),
     }
 
