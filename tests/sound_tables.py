@@ -18,7 +18,8 @@ _INTO: dict[str, str | int] = {
     "q_at": "nQ", "v_at": "nV", "parent": "nodes", "node_q": "nQ", "node_v": "nV",
     "point_node": "nodes", "point_q": "nQ", "point_v": "nV", "twist_node": "nodes",
     "twist_q": "nQ", "twist_v": "nV", "row_q": "nQ", "row_v": "nV", "phi_i": "n_eta",
-    "g_i": "n_eta", "g_j": "n_eta", "node_a": "nodes", "node_b": "nodes",
+    "g_i": "n_eta", "g_j": "n_eta", "g_pair": "pairs", "g_first": "n_eta",
+    "g_second": "n_eta", "node_a": "nodes", "node_b": "nodes",
     "row_number": "closures", "couple_row": "closures", "couple_q": "nQ", "couple_v": "nV",
     "added_node": "nodes", "added_force": "forces", "bent_first": "n_eta", "bent_directions": 3,
     "force_node": "nodes", "spring_a": "nodes", "spring_b": "nodes",
@@ -29,6 +30,7 @@ _INTO: dict[str, str | int] = {
     "sleeve_loop": "loops", "sleeve_row": "closures", "sleeve_sort": 7, "sleeve_axis": 3,
     "entry_row": 8, "kink_v": "nv", "kink_q": "nq", "spring_kink": "kinks",
 }  # fmt: skip
+_MADE = {"g_pair", "g_first", "g_second"}  # by `Tables` itself
 _BASE = {"parent", "point_node", "twist_node", "node_a", "node_b", "force_node", "added_node",
          "added_force", "spring_a", "spring_b", "sleeve_node", "stretch_node",
          "block_above", "kink_v", "spring_kink", "about"}  # fmt: skip  # may be -1: the base
@@ -47,7 +49,7 @@ def require_sound(tables: Tables, given: Mapping[str, Any]) -> None:
     for name, array in a.items():
         # What a system has none of is not given: no entries, or where none begin.
         none = array.size == (1 if shapes("Tables")[name][1][0].endswith("+1") else 0)
-        _require(name in given or none, f"{name}: not given")
+        _require(name in given or name in _MADE or none, f"{name}: not given")
         if name.endswith("_at") and name not in ("q_at", "v_at"):
             _require(array[0] == 0 and np.all(np.diff(array) >= 0), f"{name}: rows overlap")
     for name, into in _INTO.items():
