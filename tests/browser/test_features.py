@@ -24,6 +24,10 @@ from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 from tests.synthetic import synthetic_result
 
+CURSOR = (
+    "return new DOMMatrix(getComputedStyle(document.querySelector('#plots .cursor')).transform).e"
+)  # [px] its x in the plot
+
 
 def test_the_rigid_robot_is_overlaid_beside_or_hidden(browser: Browser, page: Path) -> None:
     browser.open(page, "t=0.03&peak=0&path=0&names=0")
@@ -51,9 +55,7 @@ def test_the_plots_show_the_values_at_the_cursor_and_a_click_moves_it(
     places = []
     for k in (0, 30, 60, 120):
         browser.run("pinflex.seek(arguments[0])", run.t[k])
-        places.append(
-            browser.run("return +document.querySelector('#plots .cursor').getAttribute('x1')")
-        )
+        places.append(browser.run(CURSOR))
         told = browser.run(
             "return [...document.querySelectorAll('#plots figure')].map(f =>"
             " [...f.querySelectorAll('.values span')].map(s => s.textContent))"
@@ -68,7 +70,7 @@ def test_the_plots_show_the_values_at_the_cursor_and_a_click_moves_it(
     svg = browser.driver.find_element("css selector", "#plots svg")
     box = browser.run("const r = arguments[0].getBoundingClientRect(); return [r.width]", svg)
     ActionChains(browser.driver).move_to_element_with_offset(svg, 0, 0).click().perform()
-    middle = browser.run("return +document.querySelector('#plots .cursor').getAttribute('x1')")
+    middle = browser.run(CURSOR)
     assert middle == pytest.approx(box[0] / 2, abs=2)
 
 

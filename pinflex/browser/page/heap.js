@@ -57,9 +57,9 @@ class Heap {
   }
 }
 
-async function instantiated(bytes) {
+async function instantiated(module) {
   const clock = {clock_time_get: (id, precision, at) => { new DataView(kernel.memory.buffer).setBigUint64(at, BigInt(Math.round(1e6 * performance.now())), true); return 0; }};
-  const kernel = (await WebAssembly.instantiate(bytes, {wasi_snapshot_preview1: clock})).instance.exports;
+  const kernel = (await WebAssembly.instantiate(module, {wasi_snapshot_preview1: clock})).exports;
   if (kernel._initialize) kernel._initialize();
   return kernel;
 }

@@ -81,14 +81,18 @@ const liveSays = (text) => { $("live-status").textContent = text; };
 
 function ask() {
   live.asked[++live.sent] = performance.now();
-  document.body.classList.add("computing");
+  computing(true);
   live.worker.postMessage({id: live.sent, settings: {...live.settings}});
+}
+/* While the other thread works there is less time to draw. */
+function computing(busy) {
+  document.body.classList.toggle("computing", viewer.busy = busy);
 }
 function hear({data}) {
   if (data.ready) { live.ready = true; for (const s of DATA.live.sliders) live.rows[s.name].input.disabled = false; liveSays("ready"); return; }
   if (data.failed && !live.ready) { stopLive(data.failed); return; }
   if (data.id < live.shown || data.id === undefined) return;
-  if (data.failed) { if (data.id === live.sent) { document.body.classList.remove("computing"); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
+  if (data.failed) { if (data.id === live.sent) { computing(false); liveSays(`No run: ${data.failed}. The picture is the last run; the command line says more: ${commandLine()}`); } return; }
   live.shown = data.id;
   live.times = {...(data.part === "torque" ? {} : live.times), [data.part]: data.took};
   if (S.run !== DATA.live.run) show(DATA.live.run);   // of several it is this one that sliders change
@@ -168,7 +172,7 @@ live.error = (d) => {
     if ($("head").offsetHeight !== tall) layoutChanged();   // labels keep clear of it
   });
   soon("done", () => {
-    document.body.classList.remove("computing");
+    computing(false);
     liveSays(`solved here in ${Math.round(d.took)} ms, ${live.got.steps} steps`);
     live.done = d.id;
   });

@@ -3,29 +3,33 @@ is known: torque, shape, stress (at first at some samples), error; a newer messa
 let solvers = [], solver = null, wanted = null, busy = false;
 onmessage = async ({data}) => {
   if (data.wasm) {
+    busy = true;
     try {
       const {shaped, ...plain} = data.header;      // the same scene without and with the shaper of its motion
-      for (const header of [plain, ...shaped.map((x) => ({...x, sliders: plain.sliders}))]) solvers.push(new Solver(await instantiated(data.wasm), header, data.values));
-      solver = solvers[0];
+      const module = await WebAssembly.compile(data.wasm);
+      for (const header of [plain, ...shaped.map((x) => ({...x, sliders: plain.sliders}))]) solvers.push(new Solver(await instantiated(module), header, data.values));
+      await answerTo({settings: {}}, () => {}).catch(() => {});   // unseen: what a browser runs first takes it four to eight times as long
       postMessage({ready: true});
     } catch (error) { postMessage({failed: String(error.message || error)}); }
+    busy = false;
   } else wanted = data;
   if (busy || !solver) return;
   busy = true;
   while (wanted) {
-    const now = wanted;
+    const now = wanted, began = performance.now();
     wanted = null;
     try { await answerTo(now); } catch (error) { postMessage({id: now.id, failed: String(error.message || error)}); }
+    if (wanted) await new Promise((next) => { setTimeout(next, performance.now() - began); });   // in a drag half of the time is left to those that draw
   }
   busy = false;
 };
 const breath = () => new Promise((next) => { const {port1, port2} = new MessageChannel(); port1.onmessage = next; port2.postMessage(0); });
 const single = (x) => Float32Array.from(x);
 /* Answers give their arrays away: none is copied, and none may be of the kernel or of use here. */
-const post = (message) => postMessage(message, [...new Set(buffers(message))]);
+const give = (message) => postMessage(message, [...new Set(buffers(message))]);
 const buffers = (x) => ArrayBuffer.isView(x) ? [x.buffer] : x && typeof x === "object" ? Object.values(x).flatMap(buffers) : [];
 
-async function answerTo({id, settings}) {
+async function answerTo({id, settings}, post = give) {
   solver = solvers[settings.shaper >= 0.5 ? 1 : 0];
   const newer = async () => { await breath(); return wanted !== null; }, began = performance.now(), took = () => performance.now() - began;
   const found = solver.states(settings), n = solver.t.length, {recovery, header} = solver, o = header.outputs, {once} = found;
@@ -49,7 +53,7 @@ async function answerTo({id, settings}) {
   found.twice = found.again();
   const error = errorOf(once, found.twice, track);
   if (await newer()) return;
-  postMessage({id, part: "error", error: {...error, stress: stressError(found, some)}, told: toldOf(settings), took: took()});
+  post({id, part: "error", error: {...error, stress: stressError(found, some)}, told: toldOf(settings), took: took()});
 }
 const FIRST_SAMPLES = 50;
 let drawn = null;

@@ -72,8 +72,8 @@ class Chart {
     return d;
   }
   at(x) {                                          // the cursor, unless it is beyond the range shown
-    const p = this.X(x).toFixed(3), [a, b] = this.spec.x, slack = 1e-6 * (b - a);
-    this.cursor.setAttribute("x1", p); this.cursor.setAttribute("x2", p);
+    const [a, b] = this.spec.x, slack = 1e-6 * (b - a);
+    this.cursor.style.transform = `translateX(${this.X(x).toFixed(3)}px)`;   // a layer of its own: nothing below it is drawn again
     this.cursor.classList.toggle("out", x < a - slack || x > b + slack);
   }
 }

@@ -19,13 +19,7 @@ function applyTheme() {
   if (shown === name) return;
   shown = name;
   document.documentElement.dataset.theme = name;
-  const canvas = document.createElement("canvas"), g = canvas.getContext("2d");
-  canvas.width = 2; canvas.height = 256;
-  const fill = g.createLinearGradient(0, 0, 0, 256);
-  fill.addColorStop(0, style("--sky")); fill.addColorStop(1, style("--haze"));
-  g.fillStyle = fill; g.fillRect(0, 0, 2, 256);
-  if (viewer.scene.background) viewer.scene.background.dispose();
-  viewer.scene.background = new THREE.CanvasTexture(canvas);
+  viewer.tints = ["--haze", "--sky"].map((name) => viewer.scene.fog.color.clone().set(style(name)));
   viewer.scene.fog.color.set(style("--fog"));
   for (const [material, name] of themed) material.color.set(style(name));
   if (R) { relight(); chooseGhost(); setColours(); }

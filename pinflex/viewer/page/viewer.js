@@ -2,19 +2,21 @@
 let viewer = null, soft = false;
 const SLOW = 36, FAST = 22, REST = 12;             // [ms] a frame too long, and one with time to spare; frames without a change: at rest
 const LEAST_RATIO = 0.3, RUN = 40;                 // pixels a pixel of the page in motion; frames with time to spare before more are drawn
+const SHADES = 32;                                 // of the background, whose 8 bits have at most 30
 class Viewer {
   constructor(pane) {
     const wish = new URLSearchParams(location.hash.slice(1)), sharp = Math.min(+wish.get("sharp") || 0, 4), still = sharp > 0 || wish.has("shots");
     soft = bySoftware();
     this.pane = pane;
     this.renderer = new THREE.WebGLRenderer({antialias: still || !soft});   // in software half of the time: there a picture at rest has four times the pixels
+    this.renderer.autoClear = false;
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.renderer.domElement.setAttribute("aria-hidden", "true");
     pane.append(this.renderer.domElement);
     const full = still ? sharp || 1 : soft ? 2 : Math.min(devicePixelRatio, 2);
     this.ratios = [full];                          // at rest the first; in motion one of them
     while (!still && this.ratios.at(-1) * Math.SQRT1_2 > LEAST_RATIO) this.ratios.push(this.ratios.at(-1) * Math.SQRT1_2);
-    Object.assign(this, {level: soft && !still ? this.ratios.findIndex((x) => x < 1) : 0, gaps: [], patience: RUN, row: 0, began: 0, still: REST, asked: 0, recording: false, coarse: false});
+    Object.assign(this, {level: soft && !still ? this.ratios.findIndex((x) => x < 1) : 0, gaps: [], patience: RUN, row: 0, began: 0, still: REST, asked: 0, size: [1, 1], recording: false, coarse: false});
     this.scene = new THREE.Scene();
     this.scene.fog = new THREE.Fog(0xf3f6fa, 1, 10);
     this.world = new THREE.Group();                // light, grid and ground of the run shown
@@ -30,6 +32,7 @@ class Viewer {
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
     this.renderer.setSize(w, h);
+    this.size = [w, h];
     this.dirty();
   }
   dirty() { this.asked ||= requestAnimationFrame(() => this.move()); }
@@ -39,7 +42,7 @@ class Viewer {
     this.asked = 0;
     if (this.recording) return;                    // each picture of a film is asked for
     this.still = 0;
-    this.draw(this.level);
+    this.draw(soft && this.busy ? this.ratios.length - 1 : this.level);
   }
   render() { this.draw(0); }                       // at once and sharp
   draw(level) {
@@ -47,16 +50,29 @@ class Viewer {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     if (this.coarse !== coarse) this.scene.traverse(({geometry: g}) => { if (g?.userData.coarse) g.setIndex(coarse ? g.userData.coarse : g.userData.fine); });
     this.coarse = coarse;
+    this.sky();
     this.renderer.render(this.scene, this.camera);
     turnCompass();
+  }
+  /* From haze to sky, a band for each shade: in software a textured background takes a third of the time. */
+  sky() {
+    const {renderer, tints: [low, high], size: [w, h]} = this, tint = low.clone();
+    renderer.clear();
+    renderer.setScissorTest(true);
+    for (let i = 0; i < SHADES; i++) {
+      renderer.setScissor(0, h * i / SHADES, w, h / SHADES + 1);
+      renderer.setClearColor(tint.lerpColors(low, high, i / (SHADES - 1)));
+      renderer.clear(true, false, false);
+    }
+    renderer.setScissorTest(false);
   }
   /* The browser begins a frame: how long those take that are drawn one after the other tells what there is time for. */
   begin(now) {
     const {gaps, ratios} = this, gap = now - this.began;
     this.row = this.still === 0 ? this.row + 1 : 0;
     this.began = now;
-    if (++this.still === REST && this.level) this.render();
-    if (this.row < 3) return;
+    if (++this.still === REST && this.coarse) this.render();
+    if (this.busy || this.row < 3) return;
     gaps.push(gap);
     const middle = gaps.slice(-5).sort((a, b) => a - b)[2];
     if (gaps.length >= 5 && middle > SLOW) {
@@ -136,5 +152,6 @@ function relight() {
   const ground = new THREE.Mesh(new THREE.PlaneGeometry(8 * size, 8 * size), new THREE.ShadowMaterial({opacity: isDark() ? 0.4 : 0.16, fog: false}));
   ground.position.set(centre.x, centre.y, floor - 1e-4 * size);
   ground.receiveShadow = true;
+  ground.visible = viewer.renderer.shadowMap.enabled;   // else it is clear glass, drawn all the same
   world.add(new THREE.HemisphereLight(0xffffff, style("--bounce"), 0.56 * Math.PI * style("--sun")), sun, sun.target, grid, ground);
 }
