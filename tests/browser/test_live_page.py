@@ -65,7 +65,7 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     opened(browser, pages(model))
     rng = np.random.default_rng(31)
     settings = somewhere(browser, rng)
-    # payload, speed, damping; shaper where the move stops; thickness, walls (of ur5 one of two: 17 kB)
+    # payload, speed, damping; shaper where the move stops; thickness, walls (of ur5 one of two)
     assert len(settings) == {"ur5": 5, "delta": 6, "3rrr": 4}[model]
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
