@@ -87,13 +87,19 @@ def _slider(slider: sliders.Slider, change: sliders.Change | None, put: Any) -> 
     if change is None:
         return out | {"change": None}
     told = {"kind": change.kind, "nodes": change.nodes.tolist(), "error": change.error}
-    values = change.values
-    if change.kind == "polynomial":
-        columns, which = change.columns()
-        told["columns"], told["count"] = put(columns), columns.shape[1]
-        values = {name: np.asarray(x, float) for name, x in which.items()}
+    values, coded = change.values, change.coded
+    if coded is not None:
+        whole = np.where(coded.whole < 0, -2 * coded.whole - 1, 2 * coded.whole)
+        told |= {
+            "basis": put(coded.basis),
+            "whole": put(2.0**52 + whole),
+            "steps": put(coded.steps),
+        }
+        ends = np.cumsum([len(e) for e in change.entries.values()])[:-1]
+        which = np.split(2 * coded.which + coded.negative, ends)
+        values = {n: np.diff(x, prepend=0) for n, x in zip(change.entries, which, strict=True)}
     arrays = [
-        [name, put(entries), put(values[name]) if values[name].size else None]
+        [name, put(np.diff(entries, prepend=0)), put(values[name]) if values[name].size else None]
         for name, entries in change.entries.items()
     ]
     return out | {"change": told | {"arrays": arrays}}
@@ -102,9 +108,13 @@ def _slider(slider: sliders.Slider, change: sliders.Change | None, put: Any) -> 
 def packed(scene: LiveScene, wasm: bytes, script: str) -> bytes:
     """Kernel, script, header and numbers one after the other, each with its length before it.
 
-    Numbers are split by the significance of their bytes, which deflates better.
+    Numbers are split by the significance of their bytes, and what headers say of one thing stands
+    together: both deflate better.
     """
-    head = json.dumps(scene.header, allow_nan=False).encode()
+    plain = {key: x for key, x in scene.header.items() if key != "shaped"}
+    headers = [plain, *(plain | shaped for shaped in scene.header["shaped"])]
+    together = {key: [header[key] for header in headers] for key in plain}
+    head = json.dumps(together, allow_nan=False, separators=(",", ":")).encode()
     planes = np.ascontiguousarray(scene.values, "<f8").view(np.uint8).reshape(-1, 8).T.tobytes()
     pieces: Sequence[bytes] = (wasm, script.encode(), head, planes)
     return b"".join(len(p).to_bytes(4, "little") + p for p in pieces)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
 from pinflex.browser.recipe import TableArrays as Tables
@@ -27,8 +28,10 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 4000  # numbers of all such sliders: a page grows by six bytes each
-_STEP = 2.0**-44  # of the largest value of an entry: what its polynomial is rounded to
+_MOST = 24_000  # bytes of all such sliders in a page
+# Binary digits that changes of an entry are rounded to: fewer where links get shorter as they
+# bend, which is of second order, and for lines that are drawn, in 24.
+_DIGITS, _DIGITS_OF = 44, {"g": 34, "way": 28}
 # Of the largest entry: a slider whose tables are so far off is left out. What is computed by them
 # may be off by many times that, which is then still below the tolerance.
 _BEYOND = 1e-6
@@ -76,6 +79,51 @@ def _overrides(keys: Sequence[tuple[str, Any, int]], p: float) -> list[str]:
 
 
 @dataclass(frozen=True)
+class Coded:
+    """Values at nodes (nodes, entries) in few bytes: +-2^steps basis @ whole.
+
+    Attributes:
+        basis: Directions among the nodes, the most used first, shape (nodes, rank). whole: Whole
+            numbers, shape (rank, columns). steps: Powers of two of the columns.
+        which, negative: Of each entry, its column and whether that is turned round.
+    """
+
+    basis: Array
+    whole: Array
+    steps: Array
+    which: IntArray
+    negative: npt.NDArray[np.bool_]
+
+    @property
+    def values(self) -> Array:
+        """Values at nodes, shape (nodes, entries)."""
+        columns = self.basis @ self.whole * np.exp2(self.steps)
+        return np.asarray(columns[:, self.which] * np.where(self.negative, -1.0, 1.0))
+
+    @property
+    def size(self) -> float:
+        """Bytes in a page, in characters of six bits."""
+        return float(np.log2(1.0 + np.abs(self.whole)).sum() / 6.0)
+
+
+def _coded(values: Array, digits: Array) -> Coded:
+    """Values at nodes (nodes, entries), none of them zero throughout, to as many digits."""
+    largest = np.take_along_axis(values, np.abs(values).argmax(axis=0)[None], axis=0)[0]
+    steps, negative = np.ceil(np.log2(np.abs(largest))) - digits, largest < 0
+    rounded = np.round(np.where(negative, -1.0, 1.0) * values / np.exp2(steps))
+    every, first, which = np.unique(
+        np.vstack([rounded, steps]), axis=1, return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)  # neighbours have neighbouring columns
+    columns, steps = every[:-1, order], every[-1, order]
+    basis, size, _ = np.linalg.svd(columns / np.abs(columns).max(axis=0), full_matrices=False)
+    basis = basis[:, size > 1e-14 * size[0]]
+    return Coded(
+        basis, np.round(basis.T @ columns), steps, np.argsort(order)[which.ravel()], negative
+    )
+
+
+@dataclass(frozen=True)
 class Change:
     """What a slider does to arrays: entries by array, and values of these at the nodes.
 
@@ -83,6 +131,7 @@ class Change:
         kind: "line" (values, slopes), "factor" or "polynomial" (nodes, entries; any
             constant may be added to a column).
         entries, values: By array. error: Largest one between the nodes, relative to the array.
+        coded: Values of a polynomial in few bytes.
     """
 
     kind: str
@@ -90,21 +139,7 @@ class Change:
     entries: dict[str, IntArray]
     values: dict[str, Array]
     error: float = 0.0
-
-    @property
-    def numbers(self) -> int:
-        """Numbers that the page would keep for it: of links that are alike, once."""
-        if self.kind != "polynomial":
-            return sum(x.size for x in self.values.values())
-        return self.columns()[0].size
-
-    def columns(self) -> tuple[Array, dict[str, IntArray]]:
-        """Values of a polynomial that differ (nodes, columns); by array, which entry has which."""
-        n = len(self.nodes)
-        every = np.concatenate([x.reshape(n, -1) for x in self.values.values()], axis=1)
-        found, which = np.unique(every, axis=1, return_inverse=True)
-        ends = np.cumsum([len(e) for e in self.entries.values()])[:-1]
-        return found, dict(zip(self.entries, np.split(which.ravel(), ends), strict=True))
+    coded: Coded | None = None
 
 
 @dataclass(frozen=True)
@@ -300,14 +335,14 @@ def changes(
         elif change.entries:
             works.append(slider)
             done[slider.name] = change
-    room = _MOST
+    room = float(_MOST)
     for slider in sorted(works, key=lambda x: done[x.name].error if x.name in done else 0.0):
         change = done.get(slider.name)
-        size = change.numbers if change is not None and change.kind == "polynomial" else 0
+        size = change.coded.size if change is not None and change.coded is not None else 0.0
         if size > room:
             works.remove(slider)
             del done[slider.name]
-            left[slider.label] = f"the page would grow by {6e-3 * size:.0f} kB more"
+            left[slider.label] = f"the page would grow by {1e-3 * size:.0f} kB more"
         else:
             room -= size
     return Changes(tuple(works), done, pattern, left)
@@ -378,20 +413,26 @@ def _polynomial(slider: Slider, tables: Mapping[float, Tables]) -> Change:
     weights[[0, -1]] *= 0.5
     W = weights / (between[:, None] - nodes)
     W /= W.sum(axis=1, keepdims=True)
-    entries, values, error = dict[str, IntArray](), dict[str, Array](), 0.0
-    for name in found[0]:
-        every = np.array([x[name] for x in found])
-        size = np.abs(every).max(initial=0.0)
-        e = np.flatnonzero(np.ptp(every, axis=0) > _NOTHING * size)
-        if not len(e):
-            continue
-        # The page adds differences, which are small: fewer digits are enough.
-        first, step = every[0, e], _STEP * np.abs(every[:, e]).max(axis=0)
-        rounded = np.round((every[:, e] - first) / step) * step
-        entries[name], values[name] = e, rounded.ravel()
-        missed = W @ rounded - (np.array([x[name][e] for x in wanted]) - first)
-        error = max(error, _off(missed, 0.0 * missed, every))
-    return Change("polynomial", nodes, entries, values, _SAFE * error)
+    every = {name: np.array([x[name] for x in found]) for name in found[0]}
+    entries = {
+        name: np.flatnonzero(np.ptp(x, axis=0) > _NOTHING * np.abs(x).max(initial=0.0))
+        for name, x in every.items()
+    }
+    entries = {name: e for name, e in entries.items() if len(e)}
+    if not entries:
+        return Change("polynomial", nodes, {}, {})
+    # The page adds differences, which are small: fewer digits are enough.
+    apart = [every[name][:, e] - every[name][0, e] for name, e in entries.items()]
+    digits = [_DIGITS_OF.get(name.split("/")[-1], _DIGITS) for name in entries]
+    counts = [len(e) for e in entries.values()]
+    coded = _coded(np.concatenate(apart, axis=1), np.repeat(digits, counts))
+    values = np.split(coded.values, np.cumsum(counts)[:-1], axis=1)
+    error = 0.0
+    for (name, e), made in zip(entries.items(), values, strict=True):
+        missed = W @ made - (np.array([x[name][e] for x in wanted]) - every[name][0, e])
+        error = max(error, _off(missed, 0.0 * missed, every[name]))
+    flat = {name: made.ravel() for name, made in zip(entries, values, strict=True)}
+    return Change("polynomial", nodes, entries, flat, _SAFE * error, coded)
 
 
 def _off(a: Array, b: Array, of: Array) -> float:

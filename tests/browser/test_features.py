@@ -24,9 +24,10 @@ from pinflex.viewer.view import write_html
 from tests.browser.chromium import Browser
 from tests.synthetic import synthetic_result
 
+# [px] its x in the plot
 CURSOR = (
     "return new DOMMatrix(getComputedStyle(document.querySelector('#plots .cursor')).transform).e"
-)  # [px] its x in the plot
+)
 
 
 def test_the_rigid_robot_is_overlaid_beside_or_hidden(browser: Browser, page: Path) -> None:

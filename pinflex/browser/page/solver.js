@@ -14,6 +14,7 @@ class Solver {
       return [n, kind, at - n];
     });
     if (folded) this.unfold(folded, line);
+    header.sliders.forEach(({change}) => change && this.uncode(change));
     this.base = line;
     this.now = line.slice();
     this.heap = new Heap(kernel, header, line);
@@ -44,16 +45,36 @@ class Solver {
     const changes = this.header.sliders.filter((s) => s.change).map((s) => [settings[s.name] ?? s.value, s]);
     const order = {line: 0, polynomial: 0, factor: 1};
     changes.sort((a, b) => order[a[1].change.kind] - order[b[1].change.kind]);
-    for (const [p, {change, made}] of changes) for (const [name, entries, values] of change.arrays) {
-      const to = this.named(name), at = this.data(entries), given = values === null ? null : this.data(values), n = at.length;
+    for (const [p, {change, made}] of changes) for (const [name, at, given] of change.arrays) {
+      const to = this.named(name), n = at.length;
       if (change.kind === "factor") for (let i = 0; i < n; i++) to[at[i]] *= p / made;
       else if (change.kind === "line") for (let i = 0; i < n; i++) to[at[i]] += (p - made) * given[n + i];
       else {
-        const [W, W0] = [weightsAt(change.nodes, p), weightsAt(change.nodes, made)], columns = this.data(change.columns);
-        for (let i = 0; i < n; i++) { let x = 0; for (let k = 0; k < W.length; k++) x += (W[k] - W0[k]) * columns[k * change.count + given[i]]; to[at[i]] += x; }
+        const x = this.turned(change, p, made);
+        for (let i = 0; i < n; i++) to[at[i]] += given[i] % 2 ? -x[given[i] >> 1] : x[given[i] >> 1];
       }
     }
     this.stretch(1 / (settings.speed ?? 1));
+  }
+  /* What a slider does as the file has it (sliders.py): places by their differences, columns as whole numbers. */
+  uncode(change) {
+    const sums = (x) => { let sum = 0; return x.map((d) => sum += d); }, data = (x) => x && this.data(x);
+    change.arrays = change.arrays.map(([name, entries, values]) => [name, sums(data(entries)), change.whole ? sums(data(values)) : data(values)]);
+    if (!change.whole) return;
+    const steps = data(change.steps).map((e) => 2 ** e);
+    change.steps = steps;
+    change.basis = data(change.basis);
+    change.whole = data(change.whole).map((x, i) => { const z = x - 2 ** 52; return (z % 2 ? -(z + 1) / 2 : z / 2) * steps[i % steps.length]; });
+  }
+  /* By how much the columns at p differ from those that the tables were made at. */
+  turned({nodes, basis, whole, steps}, p, made) {
+    const [W, W0] = [weightsAt(nodes, p), weightsAt(nodes, made)], rank = basis.length / nodes.length, n = steps.length, x = new Float64Array(n);
+    for (let k = 0; k < rank; k++) {
+      let w = 0;
+      nodes.forEach((_, i) => { w += (W[i] - W0[i]) * basis[i * rank + k]; });
+      for (let j = 0; j < n; j++) x[j] += w * whole[k * n + j];
+    }
+    return x;
   }
   data([from, n]) { return this.values.subarray(from, from + n); }
   stretch(s) {

@@ -5,9 +5,9 @@ onmessage = async ({data}) => {
   if (data.wasm) {
     busy = true;
     try {
-      const {shaped, ...plain} = data.header;      // the same scene without and with the shaper of its motion
+      const {header} = data;                       // of the same scene without and with the shaper of its motion
       const module = await WebAssembly.compile(data.wasm);
-      for (const header of [plain, ...shaped.map((x) => ({...x, sliders: plain.sliders}))]) solvers.push(new Solver(await instantiated(module), header, data.values));
+      for (const k of header.t.keys()) solvers.push(new Solver(await instantiated(module), Object.fromEntries(Object.entries(header).map(([name, x]) => [name, x[k]])), data.values));
       await answerTo({settings: {}}, () => {}).catch(() => {});   // unseen: what a browser runs first takes it four to eight times as long
       postMessage({ready: true});
     } catch (error) { postMessage({failed: String(error.message || error)}); }
