@@ -31,7 +31,7 @@ _NOTHING = 1e-13  # of the largest entry: round-off of shapes
 _MOST = 24_000  # bytes of all such sliders in a page
 # Binary digits that changes of an entry are rounded to: fewer where links get shorter as they
 # bend, which is of second order, and for lines that are drawn, in 24.
-_DIGITS, _DIGITS_OF = 44, {"g": 34, "way": 28}
+_DIGITS, _DIGITS_OF = 38, {"g": 31, "way": 26}
 # Of the largest entry: a slider whose tables are so far off is left out. What is computed by them
 # may be off by many times that, which is then still below the tolerance.
 _BEYOND = 1e-6
