@@ -24,7 +24,7 @@ for (const name of ["heap", "settle"]) run(fs.readFileSync(`${pages}/${name}.js`
 (async () => {
   const header = JSON.parse(read("header.json")), raw = Uint8Array.from(read("values.bin"));
   const states = JSON.parse(read("states.json")).map((x) => Float64Array.from(x));
-  const kernel = await run("instantiated")(read("kernel.wasm"));
+  const kernel = await run("instantiated")(await WebAssembly.compile(read("kernel.wasm")));
   const memory = new (run("Heap"))(kernel, header, new Float64Array(raw.buffer));
   const [r, c] = new (run("Equations"))(memory).residuals(7, ...states);
   console.log(JSON.stringify([[...r], [...c]]));
