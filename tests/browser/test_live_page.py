@@ -11,7 +11,7 @@ Claims:
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.38 to 50 times
     - a drag of a slider leaves frames to the animation: CPU of any task of the page's thread |
-      50 ms | 24 ms (`python -m tests.benchmarks.frames`)
+      50 ms | 18 ms (`python -m tests.benchmarks.frames`)
 """
 
 from __future__ import annotations
