@@ -312,13 +312,19 @@ def _kinds(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]
     return list(dict.fromkeys([*pin_about, *hinges, ("spherical", ""), ("weld", "")]))
 
 
-def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
-    """Axes of both frames that are one at home: first as the joint that carries the first turns."""
+def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, int, int]:
+    """The model, its joints and frames at home, and the numbers of both ends."""
     model = mechanism.rigid.rigid
     data = model.createData()
     pin.computeJointJacobians(model, data, mechanism.home)
     pin.updateFramePlacements(model, data)
     a, b = (model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b))
+    return model, data, a, b
+
+
+def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
+    """Axes of both frames that are one at home: first as the joint that carries the first turns."""
+    model, data, a, b = _at_home(mechanism, pair)
     bears = model.frames[a].parentJoint or model.frames[b].parentJoint
     turns = data.oMi[bears].rotation.T @ data.J[3:, model.idx_vs[bears]]
     apart = np.linalg.norm(data.oMf[a].rotation - data.oMf[b].rotation, axis=0)
@@ -328,11 +334,7 @@ def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
 
 def _axis(mechanism: Mechanism, pair: Loop) -> str:
     """x, y or z of frame a, the axis of all turning joints of both branches; "" if of not all."""
-    model = mechanism.rigid.rigid
-    data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.home)
-    pin.updateFramePlacements(model, data)
-    frames = [model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b)]
+    model, data, *frames = _at_home(mechanism, pair)
     joints = {j for f in frames for j in model.supports[model.frames[f].parentJoint] if j}
     columns = [c for j in joints for c in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
     turns: Array = data.J[3:, columns]
