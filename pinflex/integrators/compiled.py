@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -222,7 +222,7 @@ class Batch:
 
     def upto(self, size: int) -> Batch:
         """The first of its steps."""
-        return Batch(self.stages, self.kernel, self.table, size)
+        return self if size == self._size else Batch(self.stages, self.kernel, self.table, size)
 
     @property
     def t(self) -> Array:
@@ -251,10 +251,17 @@ class Batch:
         y, v, a, lam, torque = columns
         return States(y, v, a, lam, torque, np.zeros((self._size, 2)))
 
+    def end(self) -> dict[str, Array]:
+        """The state at the end of the last one, without work."""
+        if self._size == self.kernel.at.count:  # that is where the run is
+            return {name: getattr(self.kernel, name).copy() for name in STATE}
+        return {name: self.kernel.steps[f"{name}0"][self._size + 1].copy() for name in STATE}
+
     def samples(self, t: Array, of: IntArray, room: States) -> None:
         """Read off states."""
         self.kernel.samples(t, of + 1, None if self.table else self.stages.at(t), room)
 
+    @cached_property
     def works(self) -> Array:
         """Work of the motors and of the damping in each step, J, shape (k, 2)."""
         power = self.kernel.steps["power"][1 : self._size + 1]

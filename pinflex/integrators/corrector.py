@@ -8,7 +8,7 @@ correction: Zadunaisky 1976; Skeel 1982). A corrected run can be corrected in it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
-from pinflex.integrators.compiled import STATE, Batch, Stages, States
+from pinflex.integrators.compiled import Batch, Stages
 from pinflex.integrators.problem import Run
 from pinflex.kernel.march import MarchKernel
 from pinflex.linalg import saddle_matrix
@@ -31,12 +31,11 @@ class Before(NamedTuple):
     """What the steps before leave to those to be corrected.
 
     Attributes:
-        a: Accelerations at the end of the run's last step, shape (nv,). end: Its corrected end, one
-            row of each.
+        a: Accelerations at the end of the run's last step, shape (nv,). end: Its corrected end.
     """
 
     a: Array
-    end: States
+    end: Mapping[str, Array]
 
 
 class Corrector:
@@ -71,8 +70,8 @@ class Corrector:
         kernel, end_a, given = self._kernel, None, None
         if before is not None:
             end_a = before.a
-            for name in STATE:
-                getattr(kernel, name)[...] = getattr(before.end, name)[0]
+            for name, x in before.end.items():
+                getattr(kernel, name)[...] = x
         if steps.table is None:
             c = self.stages.method.c
             given = np.array([
@@ -85,7 +84,7 @@ class Corrector:
     def last(self, steps: Batch, corrected: Batch) -> Before:
         """What the next steps are corrected from, before other steps are made."""
         a = steps.kernel.steps["a"][len(steps), -1].copy()
-        return Before(a, States(*(x[-1:] for x in corrected.states())))
+        return Before(a, corrected.end())
 
     def _made(self, steps: Batch) -> MarchKernel:
         """Room for the corrections of the steps of a run."""

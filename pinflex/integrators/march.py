@@ -541,7 +541,7 @@ class Record:
         t = self.t[self.count : upto]
         room = States(*(column[self.count : upto] for column in self._columns))
         if len(t):
-            of, work = np.searchsorted(steps.ends, t), steps.works()
+            of, work = np.searchsorted(steps.ends, t), steps.works
             steps.samples(t, of, room)
             np.add(room.work, (self._total + np.cumsum(work, axis=0) - work)[of], out=room.work)
         return room
@@ -555,7 +555,7 @@ class Record:
     def keep(self, steps: Batch, samples: int) -> None:
         """Let steps stay, with so many samples that have been read."""
         self.count += samples
-        self._total = self._total + steps.works().sum(axis=0)
+        self._total = self._total + steps.works.sum(axis=0)
         self.ends += (steps.t + steps.h).tolist()
 
     def finish(self, steps: Batch) -> None:
