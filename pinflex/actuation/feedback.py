@@ -328,10 +328,6 @@ class Sampler:
 
     def _hold(self, t: float, u: Array) -> None:
         self._log.append((t, u))
-        self.drive(u)
-
-    def drive(self, u: Array) -> None:
-        """Hold outputs (nu,) from now on."""
         self.u, self.held = u, self.feedback.B @ u
 
 
