@@ -207,12 +207,12 @@ def as_held(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
     """
     assert problem.sampler is not None
     marks = (*problem.sampler.instants(float(run.t[-1])), *breaks)
-    settle = Inside(problem.free, problem.forces, marks, 0.0)
+    settle = Inside(problem.free, problem.push, marks, 0.0)
     if not problem.prescribed:
-        return replace(run, torque=problem.forces(run)[:, problem.motors], settle=settle)
+        return replace(run, torque=settle.push(run)[:, problem.motors], settle=settle)
     run, torque = settle(run), run.torque.copy()
     at = np.flatnonzero(on_marks(run.t, marks))
     some = run.at(at)
     r = problem.dynamics.residual(some.y, some.v, some.a, some.lam, some.t).r
-    torque[at] = (r - problem.forces(some))[:, problem.motors]
+    torque[at] = (r - settle.push(some))[:, problem.motors]
     return replace(run, torque=torque)

@@ -243,14 +243,24 @@ class Problem:
         torque = self.drive.pull(path, self.axes, y, v, inside)
         return torque if self.sampler is None else torque + self.sampler.torque
 
-    def forces(self, run: Run) -> Array:
-        """What driven motors and a digital controller push with at samples, shape (nt, nv)."""
-        push = np.zeros(run.v.shape)
-        if self.sampler is not None and run.signals is not None:
-            push += run.signals.u @ self.sampler.feedback.B.T
-        if self.drive is not None:
-            push[:, self.motors] += self.drive.pull(self.path(run.t), self.axes, run.y, run.v)
-        return push
+    @property
+    def push(self) -> Callable[[Run], Array]:
+        """What driven motors and a digital controller push with at samples, (nt, nv), of a run.
+
+        The function knows no workspace: others may have it while a run is kept.
+        """
+        drive, path, axes, motors = self.drive, self.path, self.axes, self.motors
+        B = None if self.sampler is None else self.sampler.feedback.B
+
+        def at_samples(run: Run) -> Array:
+            push = np.zeros(run.v.shape)
+            if B is not None and run.signals is not None:
+                push += run.signals.u @ B.T
+            if drive is not None:
+                push[:, motors] += drive.pull(path(run.t), axes, run.y, run.v)
+            return push
+
+        return at_samples
 
     @property
     def control_force(self) -> Array | None:

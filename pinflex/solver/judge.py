@@ -284,7 +284,7 @@ class Judge:
     def inside(self, jumps: Sequence[float], run: Run) -> Inside:
         """What solves the equations at samples inside steps."""
         problem, jumps = self._radau.problem, (float(self._t[0]), *jumps)
-        return Inside(problem.free, problem.forces, jumps, run.settings["dt"])
+        return Inside(problem.free, problem.push, jumps, run.settings["dt"])
 
     @cached_property
     def differences(self) -> dict[str, float]:

@@ -417,7 +417,8 @@ class Scene:
         jumps = breaks(self.motion, self._loads)
         if problem.sampler is None:
             return start.told(problem.after_jumps(run, jumps))
-        run = replace(run, signals=problem.sampler.signals(run.t, run.y))
+        signals = problem.sampler.signals(run.t, run.y)
+        run = replace(run, signals=signals, warnings=(*run.warnings, *signals.said))
         return start.told(as_held(problem, run, jumps))
 
     def _problem(self, t: Array, dynamics: Equations) -> Problem:

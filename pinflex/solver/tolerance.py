@@ -453,6 +453,8 @@ class _Refinement:
                 if worst <= 0.5 * self.tol:
                     return self.last
                 self.worse += worst > before
+                if fine.signals is not None and fine.signals.said and worst > _NO_BETTER * before:
+                    break  # a loop that is not stable parts runs as chance does
             self.size, before_last, coarse = self.size / self.ratio, coarse, fine
         if self.scene.bends and self.last is not None and before_last is not None:
             return self._parted(before_last, self.last)

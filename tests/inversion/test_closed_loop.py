@@ -16,6 +16,8 @@ Claims:
     - a transfer function as law, continuous or discrete, with a delay | python-control's closed
       loop | 1e-7 | passes
     - flexible arm on a hub under a digital law: hub and tip | discrete linear model | 1e-5 | passes
+    - a loop that shakes its robot is named | kd T = 2 J of a sampled mass | named 10 % beyond it,
+      not 10 % before | passes
     - torque limit holds; the PID's integral does not wind up | loop on the exact discrete mass |
       1e-9 | passes; overshoot 0.29 for 1.86 rad
 """
@@ -224,6 +226,31 @@ def test_a_robot_under_a_sampled_pid_is_the_same_without_the_kernel(
         (found.arrays[f"control/{joint}"], wanted.arrays[f"control/{joint}"]),
     ):
         assert np.abs(a - b).max() < 1e-4 * np.abs(b).max()  # the tolerance of each
+
+
+def test_a_loop_that_shakes_its_robot_is_named(free: pf.Mechanism) -> None:
+    """A sampled speed, J q'' = -kd q', is stable for kd T < 2 J; at limits of 20 N m it shakes."""
+    for kd, shakes in ((0.9 * 2 * J / PERIOD, False), (1.1 * 2 * J / PERIOD, True)):
+        law = pf.digital_pid(40.0, 0.0, kd, period=PERIOD, reference=1.0)
+        control = pf.Control(ARM, HUB, law, period=PERIOD, limit=(20.0,))
+        said = [x for x in run(free, control).meta["warnings"] if x.startswith("control: ")]
+        assert len(said) == shakes
+        assert np.isnan(pf.margins(free, control).rows[0].low) == shakes
+        for words in said:
+            assert "arm_joint (by 39.8 each time)" in words and "50 Hz" in words
+
+
+def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
+    """The last wrist of ur5 is too light for the gains of its arm: finer runs never agree."""
+    joints = pf.load("ur5").motors
+    control = pf.Control(
+        tuple(map(pf.Travel, joints)), tuple(map(pf.Effort, joints)),
+        pf.digital_pid(2000.0, 500.0, 60.0, period=1e-3), period=1e-3,
+        follow=(True,) * 6, rigid_torque=(True,) * 6,
+    )  # fmt: skip
+    with pytest.raises(pf.ConvergenceError, match=r"wrist_3_joint \(by 56 each time\)") as error:
+        pf.solve("ur5", level="coupled", control=control, until=0.2, tol=1e-2)
+    assert error.value.result.meta["cost"]["runs"] == 3
 
 
 def with_block(robot: pf.Mechanism, block: str, *more: str) -> pf.Mechanism:
