@@ -335,6 +335,13 @@ Problem.after_jumps = lambda self, run, breaks: run
 """,
         ["tests/levels/test_jumps.py"],
     ),
+    "under a digital controller accelerations are those of polynomials": (
+        """
+from pinflex.integrators.corrector import Inside
+Inside.__call__ = lambda self, run: run
+""",
+        ["tests/inversion/test_closed_loop.py"],
+    ),
     "equal steps feel a jump up to half a step off": (
         """
 import pinflex.integrators.equal_steps as steps

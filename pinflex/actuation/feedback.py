@@ -40,12 +40,14 @@ class Signals:
     Attributes:
         names: Of the drives. B: Forces per drive, shape (nv, nu).
         u: Drives (V | N m | N), shape (nt, nu). measured: m (m | rad), shape (nt, nm).
+        said: Of a digital controller that shakes its robot, a sentence.
     """
 
     names: tuple[str, ...]
     B: Array
     u: Array
     measured: Array
+    said: tuple[str, ...] = ()
 
     def at(self, k: slice | IntArray) -> Signals:
         """The same at some of the times."""
@@ -232,6 +234,9 @@ class FeedbackState:
 # limit.
 
 _EARLY = 1e-9  # of the period: round-off of an instant's time
+# Outputs that nothing is said of, if there are no more; parts of the samples at which an output
+# turns round, and of its largest value by which, from where on that is said.
+_FEW, _OFTEN, _FAR = 20, 0.8, 0.1
 
 
 class Sampler:
@@ -299,7 +304,26 @@ class Sampler:
         u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
         one = self.feedback
         m = np.array([one.S @ self._dynamics.difference(one.home, pose) for pose in y])
-        return Signals(one.control.labels, self._other, u, m.reshape(len(t), len(one.S)))
+        m = m.reshape(len(t), len(one.S))
+        return Signals(one.control.labels, self._other, u, m, self._said())
+
+    def _said(self) -> tuple[str, ...]:
+        """A sentence where an output has turned round at nearly every sample, by much; or none."""
+        labels, u = self.feedback.control.labels, np.array([u for _, u in self._log])
+        way = np.diff(u, axis=0)
+        if len(way) < _FEW:
+            return ()
+        turned = np.mean(way[1:] * way[:-1] < 0.0, axis=0)
+        far = np.median(np.abs(way), axis=0)
+        shaken = np.flatnonzero((turned > _OFTEN) & (far > _FAR * np.abs(u).max(axis=0)))
+        if not len(shaken):
+            return ()
+        drives = ", ".join(f"{labels[k]} (by {far[k]:.3g} each time)" for k in shaken)
+        return (
+            f"control: its output turns round at every sample for {drives}: the loop shakes the "
+            f"robot at half its sample rate, {0.5 / self.period:.4g} Hz, as an unstable one does. "
+            "Lower its gains or shorten `period`; pf.margins(robot, control) tells how far.",
+        )
 
     def _sample(self, t: float, y: Array, v: Array) -> None:
         one, control = self.feedback, self.feedback.control
@@ -328,10 +352,6 @@ class Sampler:
 
     def _hold(self, t: float, u: Array) -> None:
         self._log.append((t, u))
-        self.drive(u)
-
-    def drive(self, u: Array) -> None:
-        """Hold outputs (nu,) from now on."""
         self.u, self.held = u, self.feedback.B @ u
 
 

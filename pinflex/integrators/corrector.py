@@ -17,7 +17,7 @@ import numpy as np
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import Batch, Stages
-from pinflex.integrators.problem import Run
+from pinflex.integrators.problem import Problem, Run, on_marks
 from pinflex.kernel.march import MarchKernel
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
@@ -115,7 +115,6 @@ _NEIGHBOURS = 8  # in a block, where there are few samples: matrices cost as muc
 _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
-_AT = 1e-9  # of the run: a sample so near a jump may lie on either side
 
 
 @dataclass(frozen=True)
@@ -124,39 +123,35 @@ class Inside:
 
     Attributes:
         free: Velocity rows that are solved for.
-        pull: From a run to the motors' torques (n, motors), where they push; None: they follow.
+        push: From a run to what motors and a controller push with, shape (n, nv).
         jumps: Times in s at which accelerations jump, the start among them.
-        h: Length of the steps in s.
+        h: Length of the steps in s that samples away from jumps lie in; 0: those at jumps are
+            solved, as they are just after.
     """
 
     free: IntArray
-    pull: Callable[[Run], Array] | None
+    push: Callable[[Run], Array]
     jumps: Sequence[float]
     h: float
 
     def __call__(self, run: Run) -> Run:
-        """The run with accelerations and multipliers that solve the equations, but at jumps.
+        """The run with accelerations and multipliers that solve the equations.
 
         As it was where coordinates have no mass, or corrections do not shrink.
         """
-        near = _AT * float(np.ptp(run.t)) if len(run.t) > 1 else 0.0
-        away = np.abs(run.t[:, None] - np.asarray(self.jumps)).min(axis=1, initial=np.inf)
-        some = np.flatnonzero(away > near)
+        some = np.flatnonzero(on_marks(run.t, self.jumps) == (self.h == 0.0))
         if not len(some):
             return run
         at, dynamics = run.at(some), Equations(run.system)
-        pull = np.zeros(at.a.shape)
-        if self.pull is not None:
-            pull[:, run.system.motors] = self.pull(at)
-        a, lam = run.a.copy(), run.lam.copy()
+        push, a, lam = self.push(at), run.a.copy(), run.lam.copy()
         blocks = min(_BLOCKS, -(-len(some) // _NEIGHBOURS))
         for block in np.array_split(np.arange(len(some)), blocks):
-            if not self._solve(dynamics, at, pull, block):
+            if not self._solve(dynamics, at, push, block):
                 return run
         a[some], lam[some] = at.a, at.lam
         return replace(run, a=a, lam=lam)
 
-    def _solve(self, dynamics: Equations, run: Run, pull: Array, block: IntArray) -> bool:
+    def _solve(self, dynamics: Equations, run: Run, push: Array, block: IntArray) -> bool:
         """Solve at neighbouring samples, in place; whether that was possible."""
         y, v, a, lam, t = (x[block] for x in (run.y, run.v, run.a, run.lam, run.t))
         found = self._matrices(dynamics, run.at(block[[len(block) // 2]]))
@@ -167,7 +162,7 @@ class Inside:
         moved = np.zeros((len(block), len(inverse)))
         for _ in range(_ROUNDS):
             left = np.zeros_like(moved)
-            left[:, :n] = (dynamics.residual(y, v, a, lam, t).r - pull[block])[:, free]
+            left[:, :n] = (dynamics.residual(y, v, a, lam, t).r - push[block])[:, free]
             left[:, :n] += moved[:, :n] @ soft.T
             if len(J):
                 left[:, n:] = closure_motion(dynamics, y, v, a)[2]
@@ -181,7 +176,7 @@ class Inside:
                 run.a[block], run.lam[block] = a, lam
                 return True
         halves = np.array_split(block, 2)
-        return len(block) > 1 and all(self._solve(dynamics, run, pull, half) for half in halves)
+        return len(block) > 1 and all(self._solve(dynamics, run, push, half) for half in halves)
 
     def _matrices(self, dynamics: Equations, run: Run) -> tuple[Array, Array, Array] | None:
         """Inverse of [[S, -J'], [J, 0]], S - M and J in a state; None: it is singular."""
@@ -200,3 +195,23 @@ class Inside:
         if not np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1) < _SINGULAR:
             return None
         return inverse / (size[:, None] * size), soft, J
+
+
+def as_held(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
+    """A run under a digital controller, whose signals it has, with forces as they are held.
+
+    A step that ends at an instant has those just before it, signals are those just after. Stiff
+    coordinates that die away in microseconds begin there with accelerations that no polynomial of a
+    step knows: they are solved for, where they are asked for.
+    """
+    assert problem.sampler is not None
+    marks = (*problem.sampler.instants(float(run.t[-1])), *breaks)
+    settle = Inside(problem.free, problem.push, marks, 0.0)
+    if not problem.prescribed:
+        return replace(run, torque=settle.push(run)[:, problem.motors], settle=settle)
+    run, torque = settle(run), run.torque.copy()
+    at = np.flatnonzero(on_marks(run.t, marks))
+    some = run.at(at)
+    r = problem.dynamics.residual(some.y, some.v, some.a, some.lam, some.t).r
+    torque[at] = (r - settle.push(some))[:, problem.motors]
+    return replace(run, torque=torque)

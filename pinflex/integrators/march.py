@@ -325,7 +325,7 @@ class March:
             return
         found = problem.first(float(self._at.t), k.y.copy(), k.v.copy())
         if problem.sampler is not None:
-            self._radau.kernel.arrays["held"][...] = problem.sampler.held
+            self._radau.kernel.arrays["held"][...], self._at.jumped = problem.sampler.held, 0
         k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
 
     def _hold(self) -> None:
@@ -337,11 +337,7 @@ class March:
             at.h = min(at.first, at.ceiling)  # the next step is as long as it is given
         if not sampler.reach(at.t, k.y, k.v):
             return
-        if not self._table:
-            k.input[0], at.given = self._radau.at(np.array([at.t]))[0], 1
-        if not k.hold(sampler.held):
-            at.follows = 0
-            self._start()
+        self._radau.kernel.arrays["held"][...], at.jumped = sampler.held, 1
 
     def _point(self) -> dict[str, Any]:
         """Where the run is: it can go on from here once more."""

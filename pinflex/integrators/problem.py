@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from pinflex.actuation.path import MotorPath, motor_axes
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -143,7 +143,7 @@ def build_step(mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.
 
 Path = Callable[[Array], MotorPath]
 _BESIDE = 1e-10  # of the time: beyond what laws of motion snap to, less than any step to a node
-_AT_BREAK = 1e-9  # of a run: nearer to a break a sample lies on it, however that is rounded
+_AT_BREAK = 1e-9  # of a run: nearer to a break a sample lies on it
 _JUMP = 1e-6  # of the largest acceleration: less is what path_inside extrapolates by
 
 
@@ -214,22 +214,15 @@ class Problem:
         """The run with accelerations and forces just after a jump at each sample that lies on one.
 
         A step that ends there has those just before; the motion and all other levels have those
-        after. At breaks without a jump the run stays as it is. Of a digital controller the run must
-        have its signals, and is looked at where it acts, too.
+        after. At breaks without a jump the run stays as it is.
         """
-        if self.sampler is not None and run.signals is None:
-            return run
-        near = _AT_BREAK * float(np.ptp(run.t))
         loads = self.dynamics.system.loads.forces
         kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
-        kicks += [] if self.sampler is None else self.sampler.instants(float(run.t[-1]))[1:]
-        on = np.flatnonzero(_apart(run.t, breaks) <= near)
+        on = np.flatnonzero(on_marks(run.t, breaks))
         jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
-        jumps = np.union1d(jumps, np.flatnonzero(_apart(run.t, kicks) <= near))
+        jumps = np.union1d(jumps, np.flatnonzero(on_marks(run.t, kicks)))
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
         for k in jumps:
-            if self.sampler is not None and run.signals is not None:
-                self.sampler.drive(run.signals.u[k])
             after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
             a[k], lam[k], torque[k] = after.a, after.lam, after.torque
         return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
@@ -251,6 +244,25 @@ class Problem:
         return torque if self.sampler is None else torque + self.sampler.torque
 
     @property
+    def push(self) -> Callable[[Run], Array]:
+        """What driven motors and a digital controller push with at samples, (nt, nv), of a run.
+
+        The function knows no workspace: others may have it while a run is kept.
+        """
+        drive, path, axes, motors = self.drive, self.path, self.axes, self.motors
+        B = None if self.sampler is None else self.sampler.feedback.B
+
+        def at_samples(run: Run) -> Array:
+            push = np.zeros(run.v.shape)
+            if B is not None and run.signals is not None:
+                push += run.signals.u @ B.T
+            if drive is not None:
+                push[:, motors] += drive.pull(path(run.t), axes, run.y, run.v)
+            return push
+
+        return at_samples
+
+    @property
     def control_force(self) -> Array | None:
         """Generalised forces (nv,) that a digital controller holds now; None: none."""
         return None if self.sampler is None else self.sampler.force
@@ -268,11 +280,12 @@ class Problem:
         return MotorPath(t, x + ahead * (v + 0.5 * ahead * a), v + ahead * a, a)
 
 
-def _apart(t: Array, marks: Sequence[float]) -> Array:
-    """How far times (k,) are from the nearest of some marks [s]."""
+def on_marks(t: Array, marks: Sequence[float]) -> BoolArray:
+    """Which samples t (k,) of a run lie on one of some marks [s], however that is rounded."""
     every = np.array([-np.inf, *sorted(marks), np.inf])
     k = np.searchsorted(every, t)
-    return np.asarray(np.minimum(t - every[k - 1], every[k] - t))
+    apart = np.minimum(t - every[k - 1], every[k] - t)
+    return np.asarray(apart <= (_AT_BREAK * np.ptp(t) if len(t) else 0.0))
 
 
 def seen_inside(t: Array, c: Array) -> Array:

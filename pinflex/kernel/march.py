@@ -305,12 +305,6 @@ class MarchKernel:
         """Consistent a, lam and torque at t, y and v; False where they are not unique."""
         return bool(self._functions.pinflex_begin(*self._call))
 
-    def hold(self, force: Array) -> bool:
-        """Go on under other forces (nv,) of a controller; False where a start is not unique."""
-        if force.shape != self.v.shape or force.dtype != float or not force.flags.c_contiguous:
-            raise PinflexError(f"kernel: forces of {force.shape}.")
-        return bool(self._functions.pinflex_hold(*self._call, force.ctypes.data))
-
     def correct(self, run: MarchKernel, W: Array, end_a: Array | None, given: Array | None) -> bool:
         """Steps of a run once more, from this state on; False where equations are singular."""
         s, count = len(self.input), int(run.at.count)

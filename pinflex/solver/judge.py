@@ -283,14 +283,8 @@ class Judge:
 
     def inside(self, jumps: Sequence[float], run: Run) -> Inside:
         """What solves the equations at samples inside steps."""
-        problem, drive = self._radau.problem, self._radau.problem.drive
-        path, axes, h = problem.path, problem.axes, run.settings["dt"]
-
-        def pull(run: Run) -> Array:
-            assert drive is not None
-            return drive.pull(path(run.t), axes, run.y, run.v)
-
-        return Inside(problem.free, None if drive is None else pull, (float(self._t[0]), *jumps), h)
+        problem, jumps = self._radau.problem, (float(self._t[0]), *jumps)
+        return Inside(problem.free, problem.push, jumps, run.settings["dt"])
 
     @cached_property
     def differences(self) -> dict[str, float]:

@@ -45,7 +45,7 @@ def coupled(scene: Scene, t: Array, progress: Progress | None = None) -> Run:
     if scene.bends or scene.mechanism.flexible.kinks.rows:
         tol = _to_meet_contacts(scene)
     if tol is not None:
-        return scene.after_acts(solve_to_tolerance(scene, t, tol, progress))
+        return solve_to_tolerance(scene, t, tol, progress)
     if scene.bends:
         run = scene.stepped(t, spec.dt or default_step(scene.mechanism, float(t[-1])), progress)
         return replace(run, warnings=(*run.warnings, _PASSED_OVER))

@@ -21,6 +21,7 @@ from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
+from pinflex.integrators.corrector import as_held
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
@@ -357,9 +358,9 @@ class Scene:
                 record = Record(self._system, t, 0.0)
                 steps = self._radau(problem, 1.0)
                 return collocation.along(name, steps, begun, grid, stops, record)
-            corners = np.array([x for x in (*jumps, *instants) if t[0] < x < ends[-1]])
-            every = _with(ends, corners)
-            run = plain_radau.integrate(name, problem, self._few, begun, t, every, corners)
+            inside = np.array([x for x in (*jumps, *instants) if t[0] < x < ends[-1]])
+            every, anew = _with(ends, inside), np.array(jumps)
+            run = plain_radau.integrate(name, problem, self._few, begun, t, every, anew)
             return replace(run, settings={**run.settings, "steps": "given"})
 
         return self._marched(t, march)
@@ -369,11 +370,12 @@ class Scene:
 
         def march(problem: Problem) -> Run:
             begin, end = float(t[0]), float(t[-1])
-            every = {*breaks(self.motion, self._loads), *_instants(problem, end)}
-            corners = np.array(sorted(x for x in every if begin < x < end * (1.0 - _AT_END)))
-            marks = np.array([begin, *corners, end])
+            jumps = breaks(self.motion, self._loads)
+            every = {*jumps, *_instants(problem, end)}
+            inside = sorted(x for x in every if begin < x < end * (1.0 - _AT_END))
+            steps = _cut(np.array([begin, *inside, end]), dt)
             return plain_radau.integrate(
-                self.mechanism.name, problem, self._few, self._begun, t, _cut(marks, dt), corners,
+                self.mechanism.name, problem, self._few, self._begun, t, steps, np.array(jumps),
                 progress,
             )  # fmt: skip
 
@@ -412,17 +414,12 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
-        run = problem.after_jumps(run, breaks(self.motion, self._loads))
-        if problem.sampler is not None:
-            run = replace(run, signals=problem.sampler.signals(run.t, run.y))
-        return start.told(run)
-
-    def after_acts(self, run: Run) -> Run:
-        """A run with what a digital controller drives at its instants, just after these."""
-        if not self.sampled:
-            return run
-        problem = self._problem(run.t, self.equations())
-        return problem.after_jumps(run, breaks(self.motion, self._loads))
+        jumps = breaks(self.motion, self._loads)
+        if problem.sampler is None:
+            return start.told(problem.after_jumps(run, jumps))
+        signals = problem.sampler.signals(run.t, run.y)
+        run = replace(run, signals=signals, warnings=(*run.warnings, *signals.said))
+        return start.told(as_held(problem, run, jumps))
 
     def _problem(self, t: Array, dynamics: Equations) -> Problem:
         """What a run solves, with the digital controller that acts in it."""

@@ -156,6 +156,12 @@ class PlainRadau:
         power = np.column_stack([work, self._d.losses(y, v)])
         return Step(start, h, move, turn, a, lam, torque, power)
 
+    def begin_at_stages(self, step: Step) -> None:
+        """Let what jumps where a step starts be what the polynomials of its stages are there."""
+        W = self.method.at(np.zeros(1))[0]
+        for name in ("a", "lam", "torque"):
+            setattr(step.start, name, W @ getattr(step, name))
+
     def end(self, step: Step) -> State:
         """The state after a step."""
         t, p = step.start.t + step.h, self.problem
@@ -250,11 +256,13 @@ def integrate(
 ) -> Run:
     """March from t[0] to the last of the ends and answer at the times t.
 
+    It begins anew at corners; where a controller acts its steps go on under other forces.
+
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
     march, now, last = PlainRadau(problem, method), problem.first(float(t[0]), *start), None
-    close, work, done = _SAME * float(ends[-1] - t[0]), np.zeros(2), 0
+    close, work, done, jumped = _SAME * float(ends[-1] - t[0]), np.zeros(2), 0, False
     begun = now.y, now.v, now.a, now.lam, now.torque, work
     found, count = [[x[None]] for x in begun], 1
 
@@ -269,7 +277,9 @@ def integrate(
     try:
         for end in ends.tolist():
             for step in march.steps(now, end, last, _HALVINGS):
-                now, last, done = march.end(step), step, done + 1
+                if jumped:
+                    march.begin_at_stages(step)
+                now, last, done, jumped = march.end(step), step, done + 1, False
                 upto = int(np.searchsorted(t, now.t + close, side="right"))
                 *states, worked = march.dense(step, t[count:upto])
                 for column, values in zip(found, (*states, work + worked), strict=True):
@@ -277,10 +287,14 @@ def integrate(
                 count, work = upto, work + step.h * method.A[-1] @ step.power
                 problem.dynamics.require_on_beams(now.y, name, now.t)
             now.t = end
-            if np.abs(corners - end).min(initial=np.inf) <= close and end < ends[-1]:
-                now, last = problem.first(end, now.y, now.v), None
             if progress is not None:
                 progress(count, len(t))
+            if end == ends[-1]:
+                break
+            if np.abs(corners - end).min(initial=np.inf) <= close:
+                now, last = problem.first(end, now.y, now.v), None
+            elif problem.sampler is not None:
+                jumped = problem.sampler.reach(end, now.y, now.v)
     except (ConvergenceError, MotionError) as error:
         if isinstance(error, ConvergenceError):
             error = ConvergenceError(

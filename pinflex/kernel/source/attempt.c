@@ -198,6 +198,15 @@ static void motor_forces(const Tables *t, const March *m, double *torque) {
   }
 }
 
+/* What has jumped at the start of a step, with the forces that are held: the polynomial of its stages
+   there, for what is read inside the step. To find it from the mass matrix takes as long as four
+   iterations: that is done after the run, for the samples there (`as_held` in corrector.py). */
+static void from_stages(const March *m, const double *x, Int n, double *start) {
+  for (Int i = 0; i < n; i++) start[i] = 0.0;
+  for (Int k = 0; k < m->stages->s; k++)
+    for (Int i = 0; i < n; i++) start[i] += m->basis[k] * x[k * n + i];
+}
+
 /* The step with its last correction in everything that follows from it. */
 void keep(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
@@ -233,4 +242,10 @@ void keep(const Tables *t, char *memory, March *m, double h) {
   }
   pinflex_losses(t, memory, s, st->y, st->v, taken);
   for (Int i = 0; i < s; i++) to->power[2 * (k * s + i) + 1] = taken[i];
+  if (m->jumped) {
+    from_stages(m, st->a, nv, to->a0 + k * nv);
+    from_stages(m, st->lam, t->closures, to->lam0 + k * t->closures);
+    from_stages(m, torque, motors, to->torque0 + k * motors);
+    m->jumped = 0;
+  }
 }

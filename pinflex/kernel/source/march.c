@@ -89,7 +89,7 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
     m->h = fmin(m->first, m->ceiling);
     return ON;
   }
-  m->follows = 0;
+  m->follows &= kind == HOLDS;
   /* In a step ten times shorter inertia counts more than stiffness: of another pose, Newton's iteration
      converges in the large and diverges in the stiff coordinates, which corrections would show. */
   if (kind == RESTARTS) m->stale |= m->first < 0.1 * size, m->h = fmin(m->h, m->first);
@@ -174,15 +174,6 @@ EXPORT int pinflex_march(const Tables *t, char *memory, March *m) {
 EXPORT int pinflex_begin(const Tables *t, char *memory, March *m) {
   keep_to_pieces(t, memory, m->piece, m->hit);
   int found = begin(t, memory, m);
-  keep_to_pieces(t, memory, NULL, NULL);
-  m->given = 0;
-  return found;
-}
-
-/* Go on under other forces (nv,) of a controller; 0 where a start has to be found elsewhere. */
-EXPORT int pinflex_hold(const Tables *t, char *memory, March *m, const double *held) {
-  keep_to_pieces(t, memory, m->piece, m->hit);
-  int found = hold(t, memory, m, held);
   keep_to_pieces(t, memory, NULL, NULL);
   m->given = 0;
   return found;

@@ -42,6 +42,7 @@ typedef struct {
   Int most, measured, by_mass;
   Int iterations, refreshed, factored, rejected, unresolved;
   Int event, side, landing;          /* events.c: the law, the side it leaves on, attempts so far */
+  Int jumped;                        /* whether a, lam and torque are those before held forces changed */
   Stages *stages;
   const Inputs *inputs;
   Steps steps;
@@ -131,10 +132,8 @@ int land(const Tables *t, char *memory, March *m, double size);
 /* march.c: the state after the step that is kept as number `count` */
 void advance(const Tables *t, March *m);
 
-/* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique. hold: the same
-   where forces that are held have changed, which leaves y and v alone */
+/* start.c: a, lam and torque that belong to t, y and v; 0 where they are not unique */
 int begin(const Tables *t, char *memory, March *m);
-int hold(const Tables *t, char *memory, March *m, const double *held);
 
 static inline Int tangent_width(const Tables *t) {
   return t->nv * (3 * t->nv + t->closures) + t->joined_at[t->blocks];

@@ -103,10 +103,3 @@ int begin(const Tables *t, char *memory, March *m) {
   for (Int k = 0; k < led(st); k++) m->torque[k] = r[st->motor_v[k]];
   return 1;
 }
-
-/* Anew: of a mass that is a millisecond old a correction leaves half of what the forces change, where
-   light coordinates are accelerated most. */
-int hold(const Tables *t, char *memory, March *m, const double *held) {
-  for (Int i = 0; i < t->nv; i++) m->stages->held[i] = held[i];
-  return begin(t, memory, m);
-}
