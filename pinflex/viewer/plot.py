@@ -152,6 +152,7 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
             aligned(above, below)
         if i + columns >= len(motors):
             below.set_xlabel("time [s]")
+        above.xaxis.set_visible(False)
         below.tick_params(labelbottom=True)
     for spare in axes[-2:, len(motors) - (bands - 1) * columns :].flat:
         spare.remove()
@@ -219,6 +220,7 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
     )  # fmt: skip
     for ax, view in zip(axes[:, 0], views, strict=True):
         image = draw_stress(ax, view, top)
+        ax.xaxis.set_visible(ax is axes[-1, 0])
     axes[-1, 0].set_xlabel("time [s]")
     aligned(*axes[:, 0])
     low, high = axes[-1, 0].get_position(), axes[0, 0].get_position()
@@ -307,6 +309,7 @@ def _logarithmic(ax: Axes, shown: Array) -> None:
         ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
         if (y := ax.get_ylim())[1] > 100 * y[0]:  # else numbers stand between the powers too
             ax.yaxis.set_major_formatter(_power_of_ten)
+            ax.yaxis.minorticks_off()
 
 
 def _power_of_ten(value: float, _: float) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, chosen
 from pinflex.results.drawing import Joint
 from pinflex.results.result import Result
 from pinflex.results.views import Deviation
@@ -158,7 +158,7 @@ def _skeleton(
     )
 
 
-def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
+def body_shapes(body: Skeleton, keep: IntArray | slice, size: float) -> dict[str, Any]:
     """Shapes in the body's own frame, and its motion at the instants kept."""
     pose, rigid = body.pose, body.rigid
     radius = float(np.clip(body.radius, 0.007 * size, 0.03 * size))
@@ -178,7 +178,7 @@ def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "mesh": mesh,
         "stems": [] if body.root else [[start.tolist(), name] for start, name in body.stems],
         "rails": [rail.tolist() for rail in body.rails] if body.root else [],
-        "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
+        "rigid": rigid[slice(1) if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
 
@@ -254,6 +254,7 @@ def _distinct(points: Array) -> Array:
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
+_INSTANTS = 100  # at which the size of a robot is looked at
 _UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
@@ -369,7 +370,9 @@ def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
 
 def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
     result, links, path = drawn.result, drawn.links, drawn.path
-    size = _size(drawn.bodies, links, keep)
+    notes = _notes(result, len(keep)) + drawn.missing
+    size = _size(drawn.bodies, links, keep[:: -(-len(keep) // _INSTANTS)])
+    keep = chosen(keep, len(result.t))
     moved = [np.linalg.norm(link["disp"], axis=2) for link in links.values()]
     moved += [path["deviation"]] if path else []
     peaks = {name: largest(link, "von_mises") for name, link in links.items()}
@@ -394,7 +397,7 @@ def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any
         "torques": [_rows(arrow, keep) for arrow in drawn.locator.torques()],
         "plots": plots(result, None if result is rigid else rigid, stress, path, keep),
         "fields": _fields(links) if result.links else [],
-        "notes": _notes(result, len(keep)) + drawn.missing,
+        "notes": notes,
     }
 
 
@@ -504,5 +507,5 @@ def _size(bodies: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArr
     return float(np.linalg.norm(np.ptp(cloud, axis=0), axis=1).max()) or 1.0
 
 
-def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+def _rows(arrow: dict[str, Any], keep: IntArray | slice) -> dict[str, Any]:
     return {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in arrow.items()}

@@ -118,7 +118,7 @@ def stack(
     figure, axes = panels(len(draws), 1, height, room, sharex=True)
     for k, (ax, draw) in enumerate(zip(axes[:, 0], draws, strict=True)):
         draw(ax)
-        ax.label_outer()
+        ax.xaxis.set_visible(k == len(draws) - 1)  # a line tells where the others end
         if k:
             title(ax, "")
         if legend not in (None, k) and ax.get_legend():
