@@ -204,6 +204,7 @@ def _together(result: Result, parent: str, child: str) -> bool:
     a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
     if a is None or b is None:
         return True
+    a, b = a[::8], b[::8]  # it moves all the time, or never
     turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
     shift = seen_from(a, b[:, :, 3])
     return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
@@ -254,7 +255,7 @@ def _distinct(points: Array) -> Array:
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
-_INSTANTS = 100  # at which the size of a robot is looked at
+_LOOKS = 100  # instants at which the size of a robot is looked at
 _UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
@@ -371,7 +372,7 @@ def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
 def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
     result, links, path = drawn.result, drawn.links, drawn.path
     notes = _notes(result, len(keep)) + drawn.missing
-    size = _size(drawn.bodies, links, keep[:: -(-len(keep) // _INSTANTS)])
+    size = _size(drawn.bodies, links, keep[:: -(-len(keep) // _LOOKS)])
     keep = chosen(keep, len(result.t))
     moved = [np.linalg.norm(link["disp"], axis=2) for link in links.values()]
     moved += [path["deviation"]] if path else []
