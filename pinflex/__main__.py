@@ -232,7 +232,8 @@ def show_warning(message: Warning | str, *unused: object, **also_unused: object)
     sys.stderr.write(f"pinflex: {message}\n")
 
 
-# Objects between two collections: twice those of a comparison. A case of a sweep leaves 200 in cycles.
+# Objects between two collections: twice those of a comparison; a case of a sweep leaves few
+# in cycles, 200.
 _SELDOM = 500_000
 
 

@@ -314,9 +314,9 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
 def _by_runs(part: Any) -> None:
     """Look for runs of equal bytes alone in what is written to a member of an archive.
 
-    Of coded arrays that is nearly all that their high bytes have, and their low bytes have nothing:
-    it takes half the time for 4 % more bytes. zipfile has no argument for it; where its writer keeps
-    the compressor elsewhere, that stays as it is.
+    Of coded arrays that is nearly all that their high bytes have, and their low bytes have
+    nothing: it takes half the time for 4 % more bytes. zipfile has no argument for it; where its
+    writer keeps the compressor elsewhere, that stays as it is.
     """
     if hasattr(part, "_compressor"):
         part._compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS, strategy=zlib.Z_RLE)

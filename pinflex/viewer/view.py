@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 STEPS = 2**20  # of the largest magnitude of an array
 Steps = npt.NDArray[np.int32]
-_LEVEL = 1  # of zlib: its default takes twice as long for 6 % less
+_LEVEL = 2  # of zlib: 4 takes half as long again for 4 % less
 _ALONG = 2  # differences along the second axis, at most
 _ENOUGH = 8  # entries of a second axis that may be smooth: fewer are components of a vector
 
@@ -122,8 +122,7 @@ def _along(steps: Steps) -> tuple[int, Steps]:
 
 
 def _bits(steps: Steps) -> float:
-    # a quarter of the instants tells; in single precision a logarithm takes a quarter
-    sizes = np.abs(steps[::4]).astype(np.float32)
+    sizes = np.abs(steps).astype(np.float32)  # in single precision a logarithm takes a quarter
     return float(np.log2(1 + sizes).sum(dtype=np.float64))
 
 
@@ -300,7 +299,8 @@ class More:
         """The data in the page."""
         if not self.data:
             return ""
-        return f'\n<script type="text/plain" id="pinflex-live">{deflated(self.data, level=9)}</script>'
+        data = deflated(self.data, level=9)
+        return f'\n<script type="text/plain" id="pinflex-live">{data}</script>'
 
 
 @public
