@@ -249,7 +249,7 @@ def _coordinates(samples: Samples, slot: Slot) -> Array:
 
 
 def _piece(samples: Samples, slot: Slot, home: Array) -> tuple[Array, Array, Array]:
-    """Centre line, y axes of the sections, deflections of a body of a link with its root at home."""
+    """Of one body of a link, whose root is at home: centre line, y axes of sections, deflections."""
     root, x = pose_of(samples.kinematics.poses, slot.root), slot.body.cut.x
     d = section_deflections(slot.body.cut, _coordinates(samples, slot))
     R, place, spin = root[:, :, :3], d[:, :, _PLACES], zyx_matrix(d[:, :, _TURNS])

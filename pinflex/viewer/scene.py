@@ -371,9 +371,8 @@ def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
 
 def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
     result, links, path = drawn.result, drawn.links, drawn.path
-    notes = _notes(result, len(keep)) + drawn.missing
     size = _size(drawn.bodies, links, keep[:: -(-len(keep) // _LOOKS)])
-    keep = chosen(keep, len(result.t))
+    at = chosen(keep, len(result.t))
     moved = [np.linalg.norm(link["disp"], axis=2) for link in links.values()]
     moved += [path["deviation"]] if path else []
     peaks = {name: largest(link, "von_mises") for name, link in links.items()}
@@ -384,21 +383,21 @@ def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any
         "level": LEVELS.get(result.level, result.level),
         "mode": None,
         "verdicts": verdicts(result),
-        "t": result.t[keep],
+        "t": result.t[at],
         "opens": _opens(result, path, stress),
         "size": size,
         "largest": max((float(x.max()) for x in moved), default=0.0),
         "links": [
-            {**thinned(link, keep), "strength": strength(result, name)}
+            {**thinned(link, at), "strength": strength(result, name)}
             for name, link in links.items()
         ],
-        "bodies": [body_shapes(body, keep, size) for body in drawn.bodies],
-        "track": path and _rows(path, keep),
-        "forces": [_rows(arrow, keep) for arrow in drawn.locator.forces()],
-        "torques": [_rows(arrow, keep) for arrow in drawn.locator.torques()],
-        "plots": plots(result, None if result is rigid else rigid, stress, path, keep),
+        "bodies": [body_shapes(body, at, size) for body in drawn.bodies],
+        "track": path and _rows(path, at),
+        "forces": [_rows(arrow, at) for arrow in drawn.locator.forces()],
+        "torques": [_rows(arrow, at) for arrow in drawn.locator.torques()],
+        "plots": plots(result, None if result is rigid else rigid, stress, path, at),
         "fields": _fields(links) if result.links else [],
-        "notes": notes,
+        "notes": _notes(result, len(keep)) + drawn.missing,
     }
 
 
