@@ -249,7 +249,7 @@ def _coordinates(samples: Samples, slot: Slot) -> Array:
 
 
 def _piece(samples: Samples, slot: Slot, home: Array) -> tuple[Array, Array, Array]:
-    """Of one body of a link, whose root is at home: centre line, y axes of sections, deflections."""
+    """Centre line, y axes of sections and deflections of a body of a link with root `home`."""
     root, x = pose_of(samples.kinematics.poses, slot.root), slot.body.cut.x
     d = section_deflections(slot.body.cut, _coordinates(samples, slot))
     R, place, spin = root[:, :, :3], d[:, :, _PLACES], zyx_matrix(d[:, :, _TURNS])
