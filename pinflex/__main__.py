@@ -232,20 +232,29 @@ def show_warning(message: Warning | str, *unused: object, **also_unused: object)
     sys.stderr.write(f"pinflex: {message}\n")
 
 
+# Objects between two collections: twice those of a comparison; a case of a sweep leaves few
+# in cycles, 200.
+_SELDOM = 500_000
+
+
 @contextmanager
 def settled(ends: bool) -> Iterator[None]:
-    """What is loaded by now is left out of garbage collections until the block ends.
+    """What is loaded by now is left out of garbage collections until the block ends; few come.
 
-    It lives as long as the process; going over it again takes a twentieth of a comparison. Where
-    the process `ends` with the block, so does everything: Python would look through all of it.
+    It lives as long as the process; going over it, and over what the block loads, takes a
+    twentieth of a comparison. Where the process `ends` with the block, so does everything: Python
+    would look through all of it.
     """
+    often = gc.get_threshold()
     gc.freeze()
+    gc.set_threshold(_SELDOM, *often[1:])
     try:
         yield
     finally:
         if ends:
             gc.freeze()
         else:
+            gc.set_threshold(*often)
             gc.unfreeze()
 
 

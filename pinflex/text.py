@@ -95,7 +95,7 @@ def frozen(cls: Any = None, /, *, eq: bool = True) -> Any:
     if cls is None:
         return partial(frozen, eq=eq)
     cls.__repr__ = brief
-    return dataclasses.dataclass(frozen=True, eq=eq)(cls)
+    return dataclasses.dataclass(frozen=True, eq=eq, repr=False)(cls)
 
 
 def short(name: str, width: int) -> str:

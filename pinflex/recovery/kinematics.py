@@ -234,7 +234,7 @@ def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Ar
 
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:
     """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each."""
-    dynamics = Equations(mechanism.rigid)
+    dynamics = Equations(mechanism.rigid, marched=True)  # as above
     return dict(enumerate(as_matrices(dynamics.joint_poses(path.q)).swapaxes(0, 1)))
 
 

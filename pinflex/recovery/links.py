@@ -185,15 +185,13 @@ def lines(samples: Samples) -> dict[str, Array]:
     out = dict[str, Array]()
     for name, part in mechanism.parts.items():
         slots = _slots(samples, name)
-        pieces = [_piece(samples, slot) for slot in slots]
-        line, turned = map(_joined, zip(*pieces, strict=True))
-        x, home = _stations(slots), pose_of(poses, slots[0].root)
-        back = off_straight(line, x, home[:, :, :3], home[:, :, 3])
-        spin = rotation_vector(np.swapaxes(home[:, None, :, :3], 2, 3) @ turned)
-        key = f"link/{name}"
-        out[f"{key}/deflection"] = np.concatenate([back, spin], axis=2)
+        home = pose_of(poses, slots[0].root)
+        pieces = [_piece(samples, slot, home) for slot in slots]
+        line, across, deflection = map(_joined, zip(*pieces, strict=True))
+        x, key = _stations(slots), f"link/{name}"
+        out[f"{key}/deflection"] = deflection
         out[f"{key}/centreline"] = line
-        out[f"{key}/section_y"] = turned[:, :, :, 1]
+        out[f"{key}/section_y"] = across
         frame = frames[name]
         rigid = pose_of(reference, Attachment(frame.joint, frame.placement * part.placement))
         out[f"{key}/centreline_rigid"] = (
@@ -250,12 +248,16 @@ def _coordinates(samples: Samples, slot: Slot) -> Array:
     return run.y[:, int(run.system.rigid.nq) :][:, slot.eta]
 
 
-def _piece(samples: Samples, slot: Slot) -> tuple[Array, Array]:
-    """Centre line and section rotations of one body of a link."""
-    root = pose_of(samples.kinematics.poses, slot.root)
+def _piece(samples: Samples, slot: Slot, home: Array) -> tuple[Array, Array, Array]:
+    """Centre line, y axes of sections and deflections of a body of a link with root `home`."""
+    root, x = pose_of(samples.kinematics.poses, slot.root), slot.body.cut.x
     d = section_deflections(slot.body.cut, _coordinates(samples, slot))
-    line = centre_line(d, slot.body.cut.x, root[:, :, :3], root[:, :, 3])
-    return line, root[:, None, :, :3] @ zyx_matrix(d[:, :, _TURNS])
+    R, place, spin = root[:, :, :3], d[:, :, _PLACES], zyx_matrix(d[:, :, _TURNS])
+    line, across = centre_line(d, x, R, root[:, :, 3]), spin[:, :, :, 1] @ R.swapaxes(1, 2)
+    if slot.offset:  # it rides on another body
+        place = off_straight(line, slot.offset + x, home[:, :, :3], home[:, :, 3])
+        spin = (home[:, :, :3].swapaxes(1, 2) @ R)[:, None] @ spin
+    return line, across, np.concatenate([place, rotation_vector(spin)], axis=2)
 
 
 def centre_line(d: Array, x: Array, R: Array, p: Array) -> Array:

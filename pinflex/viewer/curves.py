@@ -228,7 +228,7 @@ def plots(
     rigid: Result | None,
     stress: dict[str, Array],
     path: dict[str, Any] | None,
-    keep: IntArray,
+    keep: IntArray | slice,
 ) -> list[dict[str, Any]]:
     """Plots under the time bar: {title, unit, curves}."""
     panels = _torques(result, rigid, keep)
@@ -242,7 +242,7 @@ def plots(
     return panels
 
 
-def _torques(result: Result, rigid: Result | None, keep: IntArray) -> list[dict[str, Any]]:
+def _torques(result: Result, rigid: Result | None, keep: IntArray | slice) -> list[dict[str, Any]]:
     """Torques in one plot, forces in another, each with its rigid counterpart."""
     torque, still = result.arrays.get("torque"), result.arrays.get(RIGID_TORQUE)
     if rigid is not None and rigid.motors == result.motors and "torque" in rigid.arrays:

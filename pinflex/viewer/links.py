@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, chosen
 from pinflex.results.result import Result
 from pinflex.viewer.surfaces import Surface, packed, simplify
 
@@ -30,6 +30,8 @@ def stations(result: Result, name: str) -> IntArray:
     get = _arrays(result, name)
     count = len(get["x"])
     even = np.linspace(0, count - 1, min(STATIONS, count)).round().astype(np.intp)
+    if count <= STATIONS:
+        return even
     fields = [get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get]
     peaks = [np.abs(f).max(axis=0).argmax() for f in fields]
     return np.union1d(even, np.array(peaks, dtype=np.intp))
@@ -41,7 +43,7 @@ def link_geometry(
     """One flexible link at every instant, at the stations worth keeping."""
     get = _arrays(result, name)
     about = result.meta.get("links", {}).get(name, {})
-    centre, x = get["centreline"], get["x"]
+    centre, x, at = get["centreline"], get["x"], chosen(station, len(get["x"]))
     rigid = get.get("centreline_rigid", centre)
     fields = {k: get[f"stress/{k}"] for k in FIELDS if f"stress/{k}" in get}
     section_y = get["section_y"] if "section_y" in get else _any_normal(rigid)
@@ -57,13 +59,13 @@ def link_geometry(
         "length": float(about.get("length", x[-1])),
         "outline": about.get("section", {}).get("outline") or _circle(0.01 * float(x[-1])),
         "mesh": mesh,
-        "rigid": rigid[:, station],
-        "disp": (centre - rigid)[:, station],
+        "rigid": rigid[:, at],
+        "disp": centre[:, at] - rigid[:, at],
         "y_rigid": y_rigid,
-        "y_disp": section_y[:, station] - y_rigid[:, None],
-        "fields": {k: f[:, station] for k, f in fields.items()},
+        "y_disp": section_y[:, at] - y_rigid[:, None],
+        "fields": {k: f[:, at] for k, f in fields.items()},
         "surface": surface,
-        "sections": _sections(get["resultant"][:, station]) if "resultant" in get else {},
+        "sections": _sections(get["resultant"][:, at]) if "resultant" in get else {},
     }
 
 
@@ -75,16 +77,15 @@ def undeformed(link: dict[str, Any]) -> dict[str, Any]:
 
 def _sections(resultant: Array) -> dict[str, Array]:
     """Section forces by name, (nt, n) each, but for those that are nothing beside the others."""
-    found = {}
-    for kind in (range(3), range(3, 6)):
-        most = float(np.abs(resultant[:, :, kind]).max(initial=0.0))
-        for i in kind:
-            if np.abs(resultant[:, :, i]).max(initial=0.0) > _NOTHING * most:
-                found[SECTION_FORCES[i]] = resultant[:, :, i]
-    return found
+    each = np.abs(resultant).max(axis=0).max(axis=0)
+    most = each.reshape(2, 3).max(axis=1).repeat(3)
+    return {
+        name: resultant[:, :, i]
+        for i, name in enumerate(SECTION_FORCES) if each[i] > _NOTHING * most[i]
+    }  # fmt: skip
 
 
-def thinned(link: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+def thinned(link: dict[str, Any], keep: IntArray | slice) -> dict[str, Any]:
     """The link at the instants kept, shape (n,)."""
     out = {**link, **{k: link[k][keep] for k in ("rigid", "disp", "y_rigid", "y_disp")}}
     for kind in ("fields", "surface", "sections"):
@@ -106,8 +107,8 @@ def centreline(link: dict[str, Any], k: int, mag: float) -> Array:
 
 def _straight(x: Array, ends: Array) -> Array:
     """Points at x between two ends, shape (..., 2, 3)."""
-    share = ((x - x[0]) / (x[-1] - x[0]))[:, None]
-    return np.asarray(ends[..., :1, :] * (1 - share) + ends[..., 1:, :] * share)
+    share = (x - x[0]) / (x[-1] - x[0])
+    return np.asarray(np.stack([1 - share, share], axis=1) @ ends)
 
 
 def time_arrays(link: dict[str, Any]) -> list[Array]:

@@ -16,7 +16,7 @@ from pinflex.errors import DescriptionError, nearest
 from pinflex.results.quantities import QUANTITIES
 from pinflex.results.result import Result, peak, same_grid
 from pinflex.results.views import Deviation, LinkView
-from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, aligned, panels, stack, title
+from pinflex.viewer.plots.drawing import COLOURS, HEIGHT, Room, panels, stack, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,9 +149,9 @@ def torques(rigid: Result, others: Mapping[str, Result]) -> Figure:
         if column == 0 or unit != rigid.unit(f"torque/{motors[i - 1]}"):
             above.set_ylabel(f"{word} [{unit}]")
             below.set_ylabel(f"difference [{unit}]")
-            aligned(above, below)
         if i + columns >= len(motors):
             below.set_xlabel("time [s]")
+        above.xaxis.set_visible(False)
         below.tick_params(labelbottom=True)
     for spare in axes[-2:, len(motors) - (bands - 1) * columns :].flat:
         spare.remove()
@@ -219,8 +219,8 @@ def stress_map(result: Result, links: Sequence[str] | None = None) -> Figure:
     )  # fmt: skip
     for ax, view in zip(axes[:, 0], views, strict=True):
         image = draw_stress(ax, view, top)
+        ax.xaxis.set_visible(ax is axes[-1, 0])
     axes[-1, 0].set_xlabel("time [s]")
-    aligned(*axes[:, 0])
     low, high = axes[-1, 0].get_position(), axes[0, 0].get_position()
     place = (high.x1 + 0.02, low.y0, 0.02, high.y1 - low.y0)
     bar = figure.colorbar(image, cax=figure.add_axes(place))
@@ -274,7 +274,6 @@ def spectrum(
     found = highest(frequency, amplitude, peaks)
     if ax is None:
         ax = panels(1, 1, room=Room(top=0.55 if len(natural) else 0.3))[1][0, 0]
-        aligned(ax)
     figure = figure_of(ax)
     added = QUANTITIES.get(quantity)
     colour = COLOURS[0] if added is None or added.colour is None else added.colour
@@ -307,6 +306,7 @@ def _logarithmic(ax: Axes, shown: Array) -> None:
         ax.set_ylim(max(shown.min(), 1e-5 * shown.max()) / 2, 9 * shown.max())  # and labels
         if (y := ax.get_ylim())[1] > 100 * y[0]:  # else numbers stand between the powers too
             ax.yaxis.set_major_formatter(_power_of_ten)
+            ax.yaxis.minorticks_off()
 
 
 def _power_of_ten(value: float, _: float) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, chosen
 from pinflex.results.drawing import Joint
 from pinflex.results.result import Result
 from pinflex.results.views import Deviation
@@ -158,7 +158,7 @@ def _skeleton(
     )
 
 
-def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
+def body_shapes(body: Skeleton, keep: IntArray | slice, size: float) -> dict[str, Any]:
     """Shapes in the body's own frame, and its motion at the instants kept."""
     pose, rigid = body.pose, body.rigid
     radius = float(np.clip(body.radius, 0.007 * size, 0.03 * size))
@@ -178,7 +178,7 @@ def body_shapes(body: Skeleton, keep: IntArray, size: float) -> dict[str, Any]:
         "mesh": mesh,
         "stems": [] if body.root else [[start.tolist(), name] for start, name in body.stems],
         "rails": [rail.tolist() for rail in body.rails] if body.root else [],
-        "rigid": rigid[keep[:1] if still else keep].reshape(-1, 12),
+        "rigid": rigid[slice(1) if still else keep].reshape(-1, 12),
         "disp": None if np.array_equal(rigid, pose) else (pose - rigid)[keep].reshape(-1, 12),
     }
 
@@ -204,6 +204,7 @@ def _together(result: Result, parent: str, child: str) -> bool:
     a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
     if a is None or b is None:
         return True
+    a, b = a[::8], b[::8]  # it moves all the time, or never
     turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
     shift = seen_from(a, b[:, :, 3])
     return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
@@ -254,6 +255,7 @@ def _distinct(points: Array) -> Array:
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
+_LOOKS = 100  # instants at which the size of a robot is looked at
 _UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
@@ -369,7 +371,8 @@ def _stations(results: Sequence[Result]) -> dict[tuple[str, int], IntArray]:
 
 def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any]:
     result, links, path = drawn.result, drawn.links, drawn.path
-    size = _size(drawn.bodies, links, keep)
+    size = _size(drawn.bodies, links, keep[:: -(-len(keep) // _LOOKS)])
+    at = chosen(keep, len(result.t))
     moved = [np.linalg.norm(link["disp"], axis=2) for link in links.values()]
     moved += [path["deviation"]] if path else []
     peaks = {name: largest(link, "von_mises") for name, link in links.items()}
@@ -380,19 +383,19 @@ def _scene(drawn: _Drawn, rigid: Result | None, keep: IntArray) -> dict[str, Any
         "level": LEVELS.get(result.level, result.level),
         "mode": None,
         "verdicts": verdicts(result),
-        "t": result.t[keep],
+        "t": result.t[at],
         "opens": _opens(result, path, stress),
         "size": size,
         "largest": max((float(x.max()) for x in moved), default=0.0),
         "links": [
-            {**thinned(link, keep), "strength": strength(result, name)}
+            {**thinned(link, at), "strength": strength(result, name)}
             for name, link in links.items()
         ],
-        "bodies": [body_shapes(body, keep, size) for body in drawn.bodies],
-        "track": path and _rows(path, keep),
-        "forces": [_rows(arrow, keep) for arrow in drawn.locator.forces()],
-        "torques": [_rows(arrow, keep) for arrow in drawn.locator.torques()],
-        "plots": plots(result, None if result is rigid else rigid, stress, path, keep),
+        "bodies": [body_shapes(body, at, size) for body in drawn.bodies],
+        "track": path and _rows(path, at),
+        "forces": [_rows(arrow, at) for arrow in drawn.locator.forces()],
+        "torques": [_rows(arrow, at) for arrow in drawn.locator.torques()],
+        "plots": plots(result, None if result is rigid else rigid, stress, path, at),
         "fields": _fields(links) if result.links else [],
         "notes": _notes(result, len(keep)) + drawn.missing,
     }
@@ -504,5 +507,5 @@ def _size(bodies: list[Skeleton], links: dict[str, dict[str, Any]], keep: IntArr
     return float(np.linalg.norm(np.ptp(cloud, axis=0), axis=1).max()) or 1.0
 
 
-def _rows(arrow: dict[str, Any], keep: IntArray) -> dict[str, Any]:
+def _rows(arrow: dict[str, Any], keep: IntArray | slice) -> dict[str, Any]:
     return {k: v[keep] if isinstance(v, np.ndarray) else v for k, v in arrow.items()}

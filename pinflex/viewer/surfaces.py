@@ -167,8 +167,9 @@ def packed(surface: Surface) -> tuple[dict[str, Any] | None, IntArray]:
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2 or 1.0
     steps = np.round(32767 * (surface.vertices - centre) / half).astype(np.int16)
-    points, first, place = np.unique(steps, axis=0, return_index=True, return_inverse=True)
-    faces = place.reshape(-1)[surface.faces]
+    codes = steps.astype(np.int64) @ np.array([2**32, 2**16, 1])  # in the order of x, y, z
+    _, first, place = np.unique(codes, return_index=True, return_inverse=True)
+    points, faces = steps[first], place[surface.faces]
     real = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if len(points) > 65535 or not real.any():
         return None, first
@@ -203,6 +204,7 @@ def _mesh(visual: Visual, roots: Sequence[Path], most: int) -> tuple[Surface | N
     return Surface(vertices * np.array(visual.scale), faces, True), whole > len(faces)
 
 
+@lru_cache(maxsize=128)
 def _shape(visual: Visual) -> Surface:
     if visual.shape == "box":
         return _box(np.array(visual.size))

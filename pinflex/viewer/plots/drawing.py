@@ -101,6 +101,8 @@ def panels(
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=sizes, **grid)
     for ax in axes.flat:
         styled(ax)
+        if room is not None:
+            _set_names(ax, figure)
     return figure, axes
 
 
@@ -118,20 +120,24 @@ def stack(
     figure, axes = panels(len(draws), 1, height, room, sharex=True)
     for k, (ax, draw) in enumerate(zip(axes[:, 0], draws, strict=True)):
         draw(ax)
-        ax.label_outer()
+        ax.xaxis.set_visible(k == len(draws) - 1)  # a line tells where the others end
         if k:
             title(ax, "")
         if legend not in (None, k) and ax.get_legend():
             ax.get_legend().remove()
-    if room is not None:
-        aligned(*axes[:, 0])
     return figure
 
 
-def aligned(*axes: Axes) -> None:
-    """Names of the vertical axes one above the other, at the left edge of the figure."""
-    for ax in axes:
-        ax.yaxis.set_label_coords(-0.55 / (ax.get_position().width * WIDTH), 0.5)
+_NAMES = 0.55, 0.27  # [in] from the axes that they name: left, below
+
+
+def _set_names(ax: Axes, figure: Figure) -> None:
+    """Names of the axes at one distance: those of a stack of panels stand above each other."""
+    from matplotlib.transforms import ScaledTranslation
+
+    scale, (left, below) = figure.dpi_scale_trans, _NAMES
+    ax.yaxis.set_label_coords(0.0, 0.5, ax.transAxes + ScaledTranslation(-left, 0.0, scale))
+    ax.xaxis.set_label_coords(0.5, 0.0, ax.transAxes + ScaledTranslation(0.0, -below, scale))
 
 
 def legend_above(ax: Axes, count: int) -> None:
