@@ -229,9 +229,10 @@ class Problem:
 
     def jumps(self, t: Array, samples: Array) -> IntArray:
         """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
-        inside = [self.path_inside(x[None]).acceleration[0] for x in t]
-        jump = np.abs(self.path(t).acceleration - inside).max(axis=1, initial=0.0)
-        largest = np.abs(self.path(samples).acceleration).max(initial=1e-300)  # many end in none
+        path = self.path(np.concatenate([samples, t])).acceleration
+        jump = np.abs(path[len(samples) :] - self.path_inside(t).acceleration)
+        jump = jump.max(axis=1, initial=0.0)
+        largest = np.abs(path).max(initial=1e-300)  # many end in none
         return np.flatnonzero(jump > _JUMP * largest)
 
     def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:

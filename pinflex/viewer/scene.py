@@ -204,7 +204,8 @@ def _together(result: Result, parent: str, child: str) -> bool:
     a, b = (result.arrays.get(f"body/{name}/pose") for name in (parent, child))
     if a is None or b is None:
         return True
-    a, b = a[::8], b[::8]  # it moves all the time, or never
+    every = -(-len(a) // _LOOKS)
+    a, b = a[::every], b[::every]
     turn = np.swapaxes(a[:, :, :3], 1, 2) @ b[:, :, :3]
     shift = seen_from(a, b[:, :, 3])
     return bool(max(np.ptp(turn, axis=0).max(), np.ptp(shift, axis=0).max()) < 1e-7)
@@ -255,7 +256,7 @@ def _distinct(points: Array) -> Array:
 
 FRAMES = 1200  # a page holds at most this many instants
 NUMBERS = 4_000_000  # and this many numbers, of 0.6 to 1.4 bytes: below 8 MB
-_LOOKS = 100  # instants at which the size of a robot is looked at
+_LOOKS = 100  # instants at which is looked at how large a robot is, and whether parts move
 _UNSEEN = 1e-6  # [m], and of a direction: nobody sees it
 BODY = 36  # of them that a rigid body takes: its pose twice, and an arrow or two
 SHARE = 0.06  # automatic magnification: largest displacement over robot size
