@@ -101,6 +101,20 @@ class Subspace:
         found[..., self._row] = x
         return found
 
+    def balanced(self, at: IntArray, load: Array) -> tuple[Array, Array]:
+        """Equilibria K d - J' lam = -r, J d = 0 at steps: d in all coordinates, lam in all rows."""
+        grid, n = self._grid, self.B.shape[1]
+        J = self._J.along(grid, at)[:, self.rows]
+        A = np.zeros((len(at), n + len(self.rows), n + len(self.rows)))
+        A[:, :n, :n], A[:, n:, :n] = self._K.along(grid, at), J
+        A[:, :n, n:] = -J.swapaxes(1, 2)
+        b = np.zeros((*A.shape[:2], 1))
+        b[:, :n, 0] = -self._narrow(load)
+        found = np.linalg.solve(A, b)[:, :, 0]
+        lam = np.zeros((len(at), self._J.shape[0]))
+        lam[:, self.rows] = found[:, n:]
+        return self._wide(found[:, :n]), lam
+
     def closing(self, gaps: Array, s: slice, straight: Array | None) -> Array:
         """What closes loops, and its rates, shape (3, steps, nv)."""
         P = self._grid.between(self._closers, s) if straight is None else straight[s]
@@ -390,6 +404,22 @@ class Probe:
         states = Response(found.d, found.v, found.a, found.lam)
         forces = forces_along(self.full.grid, of_motors, states)
         return self._run(found, self._load[:, motors] + forces)
+
+    def still(self, at: IntArray, shapes: Array | None = None) -> Run:
+        """Where links would be without vibration, at some steps; in the columns of `shapes`.
+
+        Raises:
+            LinAlgError: Nothing holds them there.
+        """
+        d, lam = self._within(shapes).balanced(at, self._load[at])
+        motors, none = self.system.motors, np.zeros_like(d)
+        K, J = (x.along(self.full.grid, at) for x in self._parts[2:4])
+        torque = self._load[at][:, motors]
+        torque = torque + (K[:, motors] @ d[:, :, None])[:, :, 0]
+        torque -= (J[:, :, motors].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
+        y = self._manifold.retract(self._flat[at], d)
+        v, a, lam = self.v0[at] + none, self.a0[at] + none, self.base[at] + lam
+        return Run(self.system, self.t[at], y, v, a, lam, torque, {})
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""

@@ -76,6 +76,10 @@ class Outputs:
         self._rigid: _Poses | None = None
         self._before: tuple[Run, _Poses] | None = None
 
+    def at(self, some: IntArray) -> Outputs:
+        """The same at some of the samples."""
+        return Outputs(self._mechanism, self._motion, self._t[some], self._asked, self._dynamics)
+
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
         """Relative difference of two runs at the same samples, by output."""
         if np.ptp(fine.y, axis=0).max(initial=0.0) < REST:
