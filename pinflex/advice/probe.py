@@ -397,13 +397,16 @@ class Probe:
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
-        motors = self.system.motors
-        M, C, K, J = self._parts[:4]
-        every, rows = (np.arange(n) for n in J.shape[::-1])
-        of_motors = *(x.picked(motors, every) for x in (M, C, K)), J.picked(rows, motors)
         states = Response(found.d, found.v, found.a, found.lam)
-        forces = forces_along(self.full.grid, of_motors, states)
-        return self._run(found, self._load[:, motors] + forces)
+        forces = forces_along(self.full.grid, self._of_motors, states)
+        return self._run(found, self._load[:, self.system.motors] + forces)
+
+    @cached_property
+    def _of_motors(self) -> tuple[Varying, ...]:
+        """M, C and K in the rows of the motors, J in their columns."""
+        motors, (*square, J) = self.system.motors, self._parts[:4]
+        every, rows = (np.arange(n) for n in J.shape[::-1])
+        return *(x.picked(motors, every) for x in square), J.picked(rows, motors)
 
     def still(self, at: IntArray, shapes: Array | None = None) -> Run:
         """Where links would be without vibration, at some steps; in the columns of `shapes`.
@@ -412,13 +415,11 @@ class Probe:
             LinAlgError: Nothing holds them there.
         """
         d, lam = self._within(shapes).balanced(at, self._load[at])
-        motors, none = self.system.motors, np.zeros_like(d)
-        K, J = (x.along(self.full.grid, at) for x in self._parts[2:4])
-        torque = self._load[at][:, motors]
-        torque = torque + (K[:, motors] @ d[:, :, None])[:, :, 0]
-        torque -= (J[:, :, motors].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
+        K, J = (x.along(self.full.grid, at) for x in self._of_motors[2:])
+        forces = K @ d[:, :, None] - J.swapaxes(1, 2) @ lam[:, :, None]
+        torque = self._load[at][:, self.system.motors] + forces[:, :, 0]
         y = self._manifold.retract(self._flat[at], d)
-        v, a, lam = self.v0[at] + none, self.a0[at] + none, self.base[at] + lam
+        v, a, lam = self.v0[at], self.a0[at], self.base[at] + lam
         return Run(self.system, self.t[at], y, v, a, lam, torque, {})
 
     def nonlinear(self, found: Deviation) -> Run:

@@ -94,10 +94,11 @@ def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None
     """The scene with changes, None where a look at it would not be cheap; elastic coordinates."""
     description = mechanism.description.with_overrides(changes)
     n = sum(_least(mechanism, spec) for spec in description.flexible)  # before bodies are made
-    if n <= LARGEST:
-        parts = resolve(description, mechanism.links)
-        n = sum(body.n for part in parts.values() for body in part.bodies)
-    return mechanism.described(description) if n <= LARGEST else None, n
+    if n > LARGEST:
+        return None, n
+    found = mechanism.described(description)
+    n = sum(body.n for part in found.parts.values() for body in part.bodies)
+    return found if n <= LARGEST else None, n
 
 
 def _least(mechanism: Mechanism, spec: FlexibleLink) -> int:
@@ -153,7 +154,7 @@ def smaller(
         if out:
             kept, before = Smaller(parts, n, error, (), {}), run
             accepted |= changes
-            still.leave(shapes)
+            still.leave()
     return replace(kept, tried=tuple(tried), unsettled=unsettled)
 
 
@@ -171,11 +172,11 @@ class _Equilibria:
         some = np.linspace(0, probe.steps - 1, _STILL)
         self._probe, self._at = probe, np.unique(some.astype(np.intp))
         self._outputs = outputs.at(self._at)
-        self._whole = self._before = self._run(None)
+        self._whole = self._before = self._last = self._run(None)
 
     def needed(self, shapes: Array, plainly: Callable[[Errors], bool]) -> Errors:
         """The price of having only these shapes, of outputs in which it is `plainly` too much."""
-        run = self._run(shapes)
+        self._last = run = self._run(shapes)
         if run is None or self._whole is None or self._before is None:
             return {}
         every, own = (
@@ -183,9 +184,9 @@ class _Equilibria:
         )
         return {key: own[key] for key, e in every.items() if plainly({key: e}) and key in own}
 
-    def leave(self, shapes: Array) -> None:
-        """Hold what comes against these shapes."""
-        self._before = self._run(shapes)
+    def leave(self) -> None:
+        """Hold what comes against the shapes that were asked about last."""
+        self._before = self._last
 
     def _run(self, shapes: Array | None) -> Run | None:
         try:
@@ -244,7 +245,6 @@ _BEYOND = "modes beyond"
 def _most(rich: Mechanism) -> int:
     """The largest number of modes that a beam has in each plane."""
     return max((size[1] for part in beams(rich) if (size := _size(part))), default=0)
-
 
 
 def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:

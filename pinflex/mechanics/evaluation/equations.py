@@ -104,7 +104,8 @@ def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
     """
     if alike or _move_alike(one, other):
         known = one.followed
-        shared = Followed(known.motions, solved=known.solved, between=known.between, paths=known.paths)
+        both = {"solved": known.solved, "between": known.between, "paths": known.paths}
+        shared = Followed(known.motions, **both)
         vars(other)["followed"] = shared
 
 
