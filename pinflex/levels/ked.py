@@ -466,10 +466,8 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
     near = np.unique(np.searchsorted(grid.t[:-1] + half, corners))
     begins = np.maximum(grid.t[near] - half, grid.t[0])
     ends = np.minimum(grid.t[near] + half, grid.t[-1])
-    mean, (x, weight) = (
-        np.empty((len(near), load.shape[1])),
-        np.polynomial.legendre.leggauss(_GAUSS),
-    )
+    mean = np.empty((len(near), load.shape[1]))
+    x, weight = np.polynomial.legendre.leggauss(_GAUSS)
     for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
         inside = corners[(corners > begin) & (corners < end)]
         marks = np.array([begin, *inside, end])
