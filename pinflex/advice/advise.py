@@ -292,7 +292,7 @@ class _Study:
             run = probe.motion(self.corrections)
         except (PinflexError, np.linalg.LinAlgError):
             return LeftOut(f"{what}: without it the motion runs away", {}, False)
-        error = Outputs(less, self.motion, probe.t, self.plain.asked).differences(run, whole)
+        error = self.outputs.differences(run, whole)
         out = SAFETY * self.plain.used(error) <= room
         return LeftOut(f"{what} of {', '.join(links)}", error, out)
 

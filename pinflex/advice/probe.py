@@ -101,6 +101,20 @@ class Subspace:
         found[..., self._row] = x
         return found
 
+    def balanced(self, at: IntArray, load: Array) -> tuple[Array, Array]:
+        """Equilibria K d - J' lam = -r, J d = 0 at steps: d in all coordinates, lam in all rows."""
+        grid, n = self._grid, self.B.shape[1]
+        J = self._J.along(grid, at)[:, self.rows]
+        A = np.zeros((len(at), n + len(self.rows), n + len(self.rows)))
+        A[:, :n, :n], A[:, n:, :n] = self._K.along(grid, at), J
+        A[:, :n, n:] = -J.swapaxes(1, 2)
+        b = np.zeros((*A.shape[:2], 1))
+        b[:, :n, 0] = -self._narrow(load)
+        found = np.linalg.solve(A, b)[:, :, 0]
+        lam = np.zeros((len(at), self._J.shape[0]))
+        lam[:, self.rows] = found[:, n:]
+        return self._wide(found[:, :n]), lam
+
     def closing(self, gaps: Array, s: slice, straight: Array | None) -> Array:
         """What closes loops, and its rates, shape (3, steps, nv)."""
         P = self._grid.between(self._closers, s) if straight is None else straight[s]
@@ -383,13 +397,30 @@ class Probe:
 
     def linear(self, found: Deviation) -> Run:
         """The states and the linear torques of a deviation."""
-        motors = self.system.motors
-        M, C, K, J = self._parts[:4]
-        every, rows = (np.arange(n) for n in J.shape[::-1])
-        of_motors = *(x.picked(motors, every) for x in (M, C, K)), J.picked(rows, motors)
         states = Response(found.d, found.v, found.a, found.lam)
-        forces = forces_along(self.full.grid, of_motors, states)
-        return self._run(found, self._load[:, motors] + forces)
+        forces = forces_along(self.full.grid, self._of_motors, states)
+        return self._run(found, self._load[:, self.system.motors] + forces)
+
+    @cached_property
+    def _of_motors(self) -> tuple[Varying, ...]:
+        """M, C and K in the rows of the motors, J in their columns."""
+        motors, (*square, J) = self.system.motors, self._parts[:4]
+        every, rows = (np.arange(n) for n in J.shape[::-1])
+        return *(x.picked(motors, every) for x in square), J.picked(rows, motors)
+
+    def still(self, at: IntArray, shapes: Array | None = None) -> Run:
+        """Where links would be without vibration, at some steps; in the columns of `shapes`.
+
+        Raises:
+            LinAlgError: Nothing holds them there.
+        """
+        d, lam = self._within(shapes).balanced(at, self._load[at])
+        K, J = (x.along(self.full.grid, at) for x in self._of_motors[2:])
+        forces = K @ d[:, :, None] - J.swapaxes(1, 2) @ lam[:, :, None]
+        torque = self._load[at][:, self.system.motors] + forces[:, :, 0]
+        y = self._manifold.retract(self._flat[at], d)
+        v, a, lam = self.v0[at], self.a0[at], self.base[at] + lam
+        return Run(self.system, self.t[at], y, v, a, lam, torque, {})
 
     def nonlinear(self, found: Deviation) -> Run:
         """The states and the torques of the full equations."""

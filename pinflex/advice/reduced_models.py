@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.advice.probe import Probe, shapes_of
+from pinflex.arrays import Array
 from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
@@ -42,7 +43,10 @@ _MODES = {"craig_bampton": ("internal", 0), "assumed": ("modes", 1)}  # key, lea
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something tried: what it is, its measured error by output, and whether it may stay out."""
+    """Something tried: what it is, its measured error by output, and whether it may stay out.
+
+    Where some outputs show that it may not, only theirs.
+    """
 
     what: str
     error: Errors
@@ -90,10 +94,11 @@ def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None
     """The scene with changes, None where a look at it would not be cheap; elastic coordinates."""
     description = mechanism.description.with_overrides(changes)
     n = sum(_least(mechanism, spec) for spec in description.flexible)  # before bodies are made
-    if n <= LARGEST:
-        parts = resolve(description, mechanism.links)
-        n = sum(body.n for part in parts.values() for body in part.bodies)
-    return mechanism.described(description) if n <= LARGEST else None, n
+    if n > LARGEST:
+        return None, n
+    found = mechanism.described(description)
+    n = sum(body.n for part in found.parts.values() for body in part.bodies)
+    return found if n <= LARGEST else None, n
 
 
 def _least(mechanism: Mechanism, spec: FlexibleLink) -> int:
@@ -117,30 +122,78 @@ def smaller(
 ) -> Smaller:
     """Leave out whatever keeps the error bar of all that is left out within `room`.
 
-    Motions are corrected as often as that of the `whole` was.
+    Motions are corrected as often as that of the `whole` was; what equilibria alone show to be
+    needed is not marched.
     """
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
-    before, tried, unsettled, needed = whole, [], {}, False
+    before, tried, unsettled, settled = whole, [], {}, False
     accepted: Changes = {}
-    for what, more, mode in _candidates(rich, loaded):
-        if mode is not None and mode > 0 and needed:
-            continue  # where three modes are needed, two will not do
+    still = _Equilibria(probe, outputs)
+    for what, more, count in _candidates(rich, loaded):
+        if count is not None and settled:
+            continue
         changes = _together(accepted, more)
-        found = _without(rich, probe, kept.parts, changes, corrections)
+        found = _without(rich, kept.parts, changes)
         if found is None or found[1] == kept.coordinates:
             continue
-        parts, n, run = found
-        error, own = (_output_differences(outputs, run, other) for other in (whole, before))
-        out = SAFETY * used(error) <= room
+        parts, n, shapes = found
+        own, out, last = dict[str, float](), False, count == _most(rich) - 1
+        if not last:  # whose price of every output is asked for
+            own = still.needed(shapes, lambda error: SAFETY * used(error) > _PLAINLY * room)
+        if not own:
+            try:
+                run = probe.motion(corrections, shapes)
+            except (ConvergenceError, np.linalg.LinAlgError):
+                continue
+            error, own = (_output_differences(outputs, run, other) for other in (whole, before))
+            out = SAFETY * used(error) <= room
         tried.append(LeftOut(what, own, out))
-        if mode is not None:
-            needed = not out
-            if mode == 0 and needed:
+        if count is not None:  # where three modes are needed, two will not do
+            settled = out == (count == 0)
+            if last and not out:
                 unsettled = own
         if out:
             kept, before = Smaller(parts, n, error, (), {}), run
             accepted |= changes
+            still.leave(shapes)
     return replace(kept, tried=tuple(tried), unsettled=unsettled)
+
+
+_STILL = 21  # instants at which links are balanced: deflections follow the motion
+# Times as much as there is room for: prices of equilibria alone are at most 1.72 times those with
+# the vibration, and often far less (297 prices, of the scenes of tests/benchmarks/verdicts.py).
+_PLAINLY = 2.5
+
+
+class _Equilibria:
+    """What leaving something out costs where nothing vibrates: a hundredth of a march."""
+
+    def __init__(self, probe: Probe, outputs: Outputs) -> None:
+        """Nothing is left out yet."""
+        some = np.linspace(0, probe.steps - 1, _STILL)
+        self._probe, self._at = probe, np.unique(some.astype(np.intp))
+        self._outputs = outputs.at(self._at)
+        self._whole = self._before = self._run(None)
+
+    def needed(self, shapes: Array, plainly: Callable[[Errors], bool]) -> Errors:
+        """The price of having only these shapes, of outputs in which it is `plainly` too much."""
+        run = self._run(shapes)
+        if run is None or self._whole is None or self._before is None:
+            return {}
+        every, own = (
+            _output_differences(self._outputs, run, other) for other in (self._whole, self._before)
+        )
+        return {key: own[key] for key, e in every.items() if plainly({key: e}) and key in own}
+
+    def leave(self, shapes: Array) -> None:
+        """Hold what comes against these shapes."""
+        self._before = self._run(shapes)
+
+    def _run(self, shapes: Array | None) -> Run | None:
+        try:
+            return self._probe.still(self._at, shapes)
+        except np.linalg.LinAlgError:  # nothing holds it there
+            return None
 
 
 def _output_differences(outputs: Outputs, run: Run, other: Run) -> Errors:
@@ -150,26 +203,20 @@ def _output_differences(outputs: Outputs, run: Run, other: Run) -> Errors:
 
 
 def _without(
-    rich: Mechanism,
-    probe: Probe,
-    parts: Mapping[str, FlexiblePart],
-    changes: Changes,
-    corrections: int,
-) -> tuple[dict[str, FlexiblePart], int, Run] | None:
-    """Parts, coordinates and motion with links changed, or None where that is no model."""
+    rich: Mechanism, parts: Mapping[str, FlexiblePart], changes: Changes
+) -> tuple[dict[str, FlexiblePart], int, Array] | None:
+    """Parts, coordinates and shapes with links changed, or None where that is no model."""
     kept = {link: part for link, part in parts.items() if changes.get(link, {}) is not None}
     specs = [_edited(x, changes[x.link]) for x in rich.description.flexible if x.link in changes]
     wanted = rich.description.replace(flexible=tuple(x for x in specs if x.link in kept))
     try:
         kept |= resolve(wanted, rich.links)
-        n = sum(body.n for part in kept.values() for body in part.bodies)
-        if not n:
-            return None
-        n += len(rich.flexible.expansion.drives)
-        shapes = shapes_of(rich.flexible, kept)
-        return kept, n, probe.motion(corrections, shapes)
-    except (DescriptionError, ConvergenceError, np.linalg.LinAlgError):
+    except DescriptionError:
         return None
+    n = sum(body.n for part in kept.values() for body in part.bodies)
+    if not n:
+        return None
+    return kept, n + len(rich.flexible.expansion.drives), shapes_of(rich.flexible, kept)
 
 
 def _edited(spec: FlexibleLink, changes: dict[str, int] | None) -> FlexibleLink:
@@ -196,8 +243,16 @@ def _together(before: Changes, more: Changes) -> Changes:
 _BEYOND = "modes beyond"
 
 
+def _most(rich: Mechanism) -> int:
+    """The largest number of modes that a beam has in each plane."""
+    return max((size[1] for part in beams(rich) if (size := _size(part))), default=0)
+
+
 def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Changes, int | None]]:
-    """Words, changes of links, and for modes the how manyth this is: likeliest first."""
+    """Words, changes of links, and for modes how many are left: likeliest first.
+
+    Of modes none at first: where that will do, no other number is asked for.
+    """
     links_of = beams(rich)
     for d, (key, words) in PLANES.items():
         having = [p.link for p in links_of if d in p.planes]
@@ -206,12 +261,11 @@ def _candidates(rich: Mechanism, loaded: Mechanism) -> Iterator[tuple[str, Chang
             yield f"{words} of {', '.join(added)}", {link: {key: False} for link in added}, None
         yield words, {link: {key: False} for link in having}, None
     sizes = [(p.link, size, _MODES[p.spec.basis.kind][1]) for p in links_of if (size := _size(p))]
-    most = max((size[1] for _, size, _ in sizes), default=0)
-    for place, count in enumerate(range(most - 1, -1, -1)):
+    for count in sorted(range(_most(rich)), key=lambda n: (n > 0, -n)):
         fewer: Changes = {
             link: {key: count} for link, (key, n), least in sizes if n > count >= least
         }
-        yield f"{_BEYOND} {count} of each link and plane", fewer, place
+        yield f"{_BEYOND} {count} of each link and plane", fewer, count
     alike: dict[str, list[str]] = {}
     for part in rich.parts.values():
         stem = "".join(c for c in part.link if not c.isdigit())
@@ -411,14 +465,16 @@ def _sentence(a: Advice) -> str:
 
 
 def _left_out(a: Advice) -> Block:
-    outputs = list(a.left_out[0].error) if a.left_out else []
-    columns = [(k, lambda x, k=k: x.error[k], _price) for k in outputs]
+    outputs = dict.fromkeys(k for x in a.left_out for k in x.error)
+    columns = [(k, lambda x, k=k: x.error.get(k), _price) for k in outputs]
     return table(
-        "What leaving it out costs, relative", a.left_out,
+        "What leaving it out costs, relative (blank: another output decides)", a.left_out,
         ("", lambda x: "out" if x.out else "kept"), "what", *columns, names=(4, 44),
     )  # fmt: skip
 
 
-def _price(x: float) -> str:
+def _price(x: float | None) -> str:
+    if x is None:
+        return ""
     # Below this it is round-off of the comparison: nothing excites it.
     return "not excited" if x < 1e-9 else f"{x:.1e}"

@@ -290,6 +290,7 @@ _STABILITY_SAMPLES = 21  # instants of a run at which the sign of the stiffness 
 # What interpolated matrices may miss: default steps leave 1e-3 of a vibration, round-off 1e-12. A
 # method from outside may take differences of them, as mode superposition does, over h^2.
 _CLOSE, _CLOSER = 1e-8, 1e-12
+_GAUSS = 3  # points of a mean over a part of a step, exact up to h^5
 _BESIDE = 1e-10  # of the time: beyond what motions and loads snap to
 
 
@@ -455,23 +456,26 @@ def _every(J: Varying) -> IntArray:
 
 
 def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntArray, Array]:
-    """Steps beside a jump of the load, and what its mean over the step around each has more.
+    """Steps beside corners of the load, and what its mean over the step around each has more.
 
-    A method of second order feels a jump half a step before the first step that knows of it: up to
-    half a step early or late. The mean moves it to where it is.
+    A method of second order feels a jump half a step before the first step that knows of it, up to
+    half a step early or late, and of a ramp shorter than a step nothing but its ends. The mean,
+    piece by piece, moves both to where they are.
     """
-    pieces = grid.by_piece(r.whole())
-    shape = len(pieces) - 1, load.shape[1]
-    before = np.array([x[-1] for x in pieces[:-1]]).reshape(shape)
-    after = np.array([x[0] for x in pieces[1:]]).reshape(shape)
-    corners = grid.pieces.corners
-    near = np.searchsorted(0.5 * (grid.t[1:] + grid.t[:-1]), corners)
-    share = 0.5 + (grid.t[near] - corners) / h
-    known = grid.t[near] > corners
-    on = grid.pieces.at_corner(grid.t[near])  # known by either side, however that is rounded
-    to = [np.linalg.norm(load[near] - x, axis=1) for x in (before, after)]
-    known = np.where(on, to[1] < to[0], known)
-    return near, (share - known)[:, None] * (after - before)
+    pieces, corners, half = grid.by_piece(r.whole()), grid.pieces.corners, 0.5 * h
+    near = np.unique(np.searchsorted(grid.t[:-1] + half, corners))
+    begins = np.maximum(grid.t[near] - half, grid.t[0])
+    ends = np.minimum(grid.t[near] + half, grid.t[-1])
+    mean = np.empty((len(near), load.shape[1]))
+    x, weight = np.polynomial.legendre.leggauss(_GAUSS)
+    for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        inside = corners[(corners > begin) & (corners < end)]
+        marks = np.array([begin, *inside, end])
+        parts = np.diff(marks)[:, None]
+        t = marks[:-1, None] + 0.5 * parts * (1.0 + x)
+        values = grid.pieces.between(pieces, t.ravel())
+        mean[k] = (0.5 * parts * weight).ravel() @ values / (end - begin)
+    return near, mean - load[near]
 
 
 def _stepped(

@@ -69,12 +69,20 @@ class Outputs:
         t: Array,
         asked: Sequence[str] = ASKED,
         dynamics: Equations | None = None,
+        of: tuple[Array, IntArray] | None = None,
     ) -> None:
+        """`of`: times of which the samples are those with some numbers."""
+        self._of = (t, np.arange(len(t))) if of is None else of
         self._asked, self._dynamics = asked, dynamics  # a new workspace is dear in large models
         self._mechanism, self._motion, self._t = mechanism, motion, t
         self._every = max(1, len(t) // _SAMPLES)
         self._rigid: _Poses | None = None
         self._before: tuple[Run, _Poses] | None = None
+
+    def at(self, some: IntArray) -> Outputs:
+        """The same at some of the samples."""
+        given = self._mechanism, self._motion, self._t[some], self._asked, self._dynamics
+        return Outputs(*given, (self._of[0], self._of[1][some]))
 
     def differences(self, coarse: Run, fine: Run) -> dict[str, float]:
         """Relative difference of two runs at the same samples, by output."""
@@ -184,8 +192,8 @@ class Outputs:
     def reference(self) -> Nominal | None:
         """Rigid motion at the instants at which poses are compared; None where there is none."""
         try:
-            every = slice(None, None, self._every)
-            return nominal_of(self._mechanism, self._motion, self._t, every)
+            t, some = self._of
+            return nominal_of(self._mechanism, self._motion, t, some[:: self._every])
         except SceneError:
             return None
 

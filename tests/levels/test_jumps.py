@@ -4,6 +4,8 @@ Claims:
     Beams (frequencies relative; L = m = E I = 1)
     - ked where accelerations jump, on and between steps: second order, states and force | sum of
       step responses | 4e-4; ratios above 3.5 | 3.2e-4; the first order had 8.8e-4
+    - the same of a force that grows within a step | sum of ramp responses | 4e-4; ratio above 3.5 |
+      1.95e-4; 3.95
     - motor force at samples on jumps of the acceleration, the last one included: that just after,
       at every level | sum of step responses | 1e-4 by tol, 1e-3 in steps | 1.4e-7, 4.3e-4
     - equal steps of level coupled where accelerations, or torques fed forward, jump on and between
@@ -207,6 +209,24 @@ def test_equal_steps_feel_a_force_where_it_comes_and_goes(
         way = live.result().frame("slide").position[:, 1]
         # Newton's tolerance of 1e-7 a step, over some 20 steps of a swing
         assert np.abs(way[:: round(0.01 / dt)] - pairs[0][0]).max() < 1e-5 * place.max()
+
+
+@pytest.mark.parametrize("ramp", [2e-4, 1.3e-3])  # s: within a step, and over some
+def test_ked_feels_a_ramp_within_a_step(ramp: float, tmp_path: Path) -> None:
+    """Second order in the mass's place; of a ramp known by its ends alone, the first."""
+    on, push, w, errors = 0.30041, 5.0, np.sqrt(STIFFNESS / MASS), []
+    robot = sprung(tmp_path).with_(
+        "motion={kind: hold, duration: 1}",
+        f"forces={{push: {{at: slide, force: [0, {push}, 0], start: {on}, ramp: {ramp}}}}}",
+    )
+    for dt in (1e-3, 5e-4):
+        run = pf.solve(robot, level="ked", until=1.0, samples=101, dt=dt, rho_inf=1.0)
+        late = (np.maximum(run.t - at, 0.0) for at in (on, on + ramp))
+        begun, done = (s - np.sin(w * s) / w for s in late)
+        place = push / STIFFNESS * (begun - done) / ramp
+        errors.append(np.abs(run.frame("slide").position[:, 1] - place).max() / place.max())
+    # phase (w h)^2 w t / 12 = 4e-4 of the swing about half the largest place
+    assert errors[1] < 4e-4 and errors[0] > 3.5 * errors[1], errors
 
 
 @pytest.mark.parametrize("samples", [101, 98])  # jumps on steps, and between them

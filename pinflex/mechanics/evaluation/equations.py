@@ -78,7 +78,7 @@ class Followed:
         motions: Of the YAML, shaped where it says so.
         nominals: Rigid motions at instants. Which of them serves depends on what was asked before:
             they are never shared.
-        solved: What was solved for them.
+        solved: What was solved for them. between: What was, between instants of them.
         paths: Of the motors between two times: functions of time.
         starts: Of the flexible mechanism, by how they are asked for; never shared.
         jumps: What is said of jumps of speed before an end: sentences.
@@ -88,6 +88,7 @@ class Followed:
     # of a run: at its samples, where a platform's motor motion is interpolated, for scales
     nominals: Memory = field(default_factory=partial(Memory, 4))
     solved: Memory = field(default_factory=partial(Memory, 4))
+    between: Memory = field(default_factory=partial(Memory, 4))
     paths: Memory = field(default_factory=partial(Memory, 4))
     starts: Memory = field(default_factory=partial(Memory, 4))
     jumps: Memory = field(default_factory=partial(Memory, 1))
@@ -103,7 +104,8 @@ def share(one: Mechanism, other: Mechanism, alike: bool = False) -> None:
     """
     if alike or _move_alike(one, other):
         known = one.followed
-        shared = Followed(known.motions, solved=known.solved, paths=known.paths)
+        both = {"solved": known.solved, "between": known.between, "paths": known.paths}
+        shared = Followed(known.motions, **both)
         vars(other)["followed"] = shared
 
 

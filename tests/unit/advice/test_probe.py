@@ -5,6 +5,8 @@ Claims:
     - interpolated matrices = level ked step by step | 1e-3 | passes (6e-3 before corners were kept)
     - each correction reduces the defect of forces and closures | fivefold | passes
     - a smaller basis is a subspace of the larger one | 1e-9 | passes
+    - what a look balances is level quasistatic, but for what deflection adds to forces | Newton on
+      the whole equations | 1e-3 | 5.8e-5
     - a probe of a motion that begins with an acceleration starts with the sag of rest | 1e-3 |
       2.4e-4
     Tolerances, collocation
@@ -22,6 +24,7 @@ from pinflex.actuation.drive import nominal
 from pinflex.advice.probe import Probe, shapes_of
 from pinflex.integrators.collocation import alpha, generalized_alpha
 from pinflex.levels.ked import solve_ked
+from pinflex.levels.quasistatic import solve_quasistatic
 from pinflex.levels.start import linear_start
 from pinflex.mechanics.model.parts import resolve
 from pinflex.solver.solve import default_motion
@@ -93,6 +96,19 @@ def test_where_joints_alone_cannot_close_loops_least_energy_does(robot, probe):
         # Both leave out what P's own rate brings, each its own: 8e-7 and 4e-6 are measured.
         assert largest(found.d - same.d) < 1e-5 * largest(same.d)
         assert largest(found.a - same.a) < 1e-4 * largest(same.a)
+
+
+@pytest.mark.parametrize("name", ["ur5", "delta"])
+def test_what_a_look_balances_is_level_quasistatic(name):
+    """Deflections of up to 1e-3 of a length change loads, and their arms, by as much."""
+    robot = pf.load(name)
+    motion = default_motion(robot)
+    probe = Probe(robot, motion, 0.2, static=True)
+    at, n = np.arange(0, probe.steps, 16), robot.rigid.nq
+    found = probe.still(at)
+    whole = solve_quasistatic(robot, motion, probe.t[at])
+    assert largest((found.y - whole.y)[:, n:]) < 1e-3 * largest(whole.y[:, n:])
+    assert largest(found.torque - whole.torque) < 1e-3 * largest(whole.torque)
 
 
 def test_a_motion_that_begins_with_an_acceleration_starts_with_the_sag_of_rest():

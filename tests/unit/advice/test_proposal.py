@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import pinflex as pf
-from pinflex.advice import advise
+from pinflex.advice import advise, reduced_models
 from pinflex.advice.reduced_models import SAFETY, Advice
 
 
@@ -34,3 +34,25 @@ def test_prices_of_linear_motions_are_those_of_corrected_ones(
         assert found.used(apart) <= share  # of the largest price there can be, which is one
     bars = {k: abs(e - wanted.error[k]) for k, e in found.error.items()}
     assert found.used(bars) <= SAFETY * share
+
+
+@pytest.mark.parametrize("name", ["ur5", "delta"])
+def test_what_equilibria_alone_rule_out_a_march_rules_out(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same proposal, to the last digit; prices of equilibria lack the vibration only."""
+    robot = pf.load(name)
+    found = advise.advise(robot)
+    with monkeypatch.context() as m:
+        m.setattr(reduced_models, "_PLAINLY", float("inf"))
+        wanted = advise.advise(robot)
+    assert (found.overrides, found.error) == (wanted.overrides, wanted.error)
+    marched = [x for x in wanted.left_out if x.what in {y.what for y in found.left_out}]
+    assert [(x.what, x.out) for x in found.left_out] == [(x.what, x.out) for x in marched]
+    spared = [(a, b) for a, b in zip(found.left_out, marched, strict=True) if a.error != b.error]
+    assert len(spared) >= 4
+    for a, b in spared:
+        assert not b.out
+        for key, price in a.error.items():
+            # deflections swing to twice those of rest at the most, where nothing resonates
+            assert 0.5 * b.error[key] < price < 2.0 * b.error[key], (a.what, key)
