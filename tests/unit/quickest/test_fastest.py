@@ -390,6 +390,20 @@ def test_limits_of_a_quintic_that_round_off_keeps_from_a_tolerance():
     assert of_motion(robot, motion)["torque"] == pytest.approx(np.abs(run.torque).max(), rel=5e-3)
 
 
+@pytest.mark.parametrize("path, motor, v", [
+    (np.inf, 0.4, 0.4), (0.5, 0.4, 0.4), (0.4, 0.5, 0.4),  # the last: that of the motor is idle
+])  # fmt: skip
+def test_a_rigid_motor_keeps_its_speed(path, motor, v, two):
+    """Mass 2, force 1, one unit, speed at most v: T = 1 / v + v / a."""
+    given = {"jerk": np.inf, "motor_speed": motor} | ({"speed": path} if path < 9.0 else {})
+    limits = limits_of(two, "joints", {"drive": 1.0}, given)
+    first = fitted(pf.quintic(joints={"drive": 1.0}, duration=6.0), np.ones(1), 20, True)
+    found = rigid_least(RigidPath(two, "joints", {"drive": 1.0}, 1.0), limits, first)
+    assert 1.0 / v + v / 0.5 == pytest.approx(found.duration, rel=2e-3)  # 5e-4 of it left, twenty
+    _, fast, _ = found.at(np.linspace(0.0, found.duration, 2001))
+    assert 0.999 * v < fast.max() <= v * (1 + 1e-9)  # intervals
+
+
 def test_the_rigid_least_time_keeps_a_motors_curve(tmp_path):
     """|F| <= F0 (1 - v/w): v = w (1 - exp(-k t)), k = F0 / (m w), and back the same way.
 
