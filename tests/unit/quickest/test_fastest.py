@@ -351,6 +351,16 @@ def test_what_makes_no_motion_is_refused(two):
             pf.fastest(two, {"drive": 1.0}, settle=1e-3, limits=given)
     with pytest.raises(pf.DescriptionError, match="nothing moves"):
         pf.fastest(two, {"drive": 0.0}, settle=1e-3)
+    with pytest.raises(pf.DescriptionError, match="to: nothing moves. Say what"):
+        pf.fastest(two, {}, settle=1e-3)
+    for settle, word in ((0, "settle: 0"), (-1e-3, "above 0"), (np.nan, "settle: nan"),
+                         ({"position": 1e-3, "speed": 0.0}, r"settle\.speed: 0\.0"),
+                         ({"position": 1e-3}, "both of them")):  # fmt: skip
+        with pytest.raises(pf.DescriptionError, match=word):
+            pf.fastest(two, {"drive": 1.0}, settle=settle)
+    for intervals in (0, 2.5):
+        with pytest.raises(pf.DescriptionError, match="intervals: .* whole number"):
+            pf.fastest(two, {"drive": 1.0}, settle=1e-3, intervals=intervals)
     with pytest.raises(pf.DescriptionError, match="nothing in this model vibrates"):
         pf.fastest(
             pf.load("3rrr", ["flexible=null"]), {"x": 0.01, "y": 0.0, "rz": 0.0}, settle=1e-4
