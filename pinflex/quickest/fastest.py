@@ -57,7 +57,7 @@ _GENTLE = 0.25, 0.85  # of jerk and torque limits: a first profile that shakes l
 _ROUGH = 1e-3  # of its duration: what ends the search for it
 _JERK, _QUINTIC = 6.0, 60.0  # times a quintic's where no jerk limit is known; that of one second
 _FIRST, _ALL = 4.0, 2.0  # times as far from the end do searches of it and of all robots stop
-_STEPS = 30  # at the most
+_STEPS = 60  # at the most
 _FAR = 1.1  # of the rigid robot's least time: a longer motion is looked for from another start too
 DRIVES = ("prescribed", "torque")
 _FULL, _LOOSE = 0.999, 0.5  # of a torque limit; share of intervals, above which none is refined
@@ -67,7 +67,7 @@ _FINE = 0.05  # of `close`: what ends a search in finer intervals
 TOL = 1e-5  # of the runs that verify
 _BROKEN = 0.01  # of a limit: what drives and models are not known to
 _SHOWN, _NEAR = 4e-4, 0.9  # of a limit: less is printed as 100.0 %; from which the two runs count
-_ASIDE = 3e-4  # of a limit: a step misses what it aims at by as much
+_ASIDE = 6e-4  # of a limit: a step and what finer runs show of it miss its aim by as much
 _PASSES, _CLOSER, _NEARBY = 3, 6, 0.01  # under limits drawn in; steps at the most; their radius
 
 
@@ -218,6 +218,7 @@ def fastest(
             f"{mechanism.name}: fastest: needs `platform: FRAME` in the YAML, which is to be still."
         )
     require_staying(mechanism.description, "fastest")
+    _require_numbers(mechanism.name, settle, intervals)
     target, moves = _moves(mechanism, to, target)
     models = {"nominal": mechanism}
     for factors in corners(robust or {}):
@@ -237,21 +238,32 @@ def fastest(
                 f"{100 * now.push:.1f} % of the torques{_strained(task, now)}"
             )
 
-    found, grid = _searched(task, first, bound.duration, grid, close, tell)
-    made = _told(task, found, models, bound.duration, steps, period)
-    for _ in range(_PASSES):
-        if max(made.shares.values(), default=0.0) <= 1.0 + _SHOWN:
-            break
-        closer = Search(
-            _drawn_in(task, found, made.shares), grid, tell, _NEARBY, push=DEAR, any_kept=True
-        ).go(found.profile, _CLOSER, 0.0)
-        again = _told(task, closer, models, bound.duration, steps, period)
-        worse = max(again.shares.values()) > max(made.shares.values())
-        if worse or (task.box is None and again.residual > task.band):
-            break
-        found, made = closer, again
+    found, search = _searched(task, first, bound.duration, grid, close, tell)
+    found, seen = _closed(task, found, search, period)
+    made = _told(task, found, models, bound.duration, steps, seen)
     _require_kept(task, made)
     return made
+
+
+def _require_numbers(name: str, settle: float | Mapping[str, float], intervals: int) -> None:
+    """Refuse a band, a box or a number of intervals that is none."""
+    box = settle if isinstance(settle, Mapping) else {"": settle}
+    if isinstance(settle, Mapping) and {*settle} != {"position", "speed"}:
+        raise DescriptionError(
+            f"{name}: fastest: settle: {dict(settle)!r}. Give a distance, or {{position: ..., "
+            "speed: ...}, both of them."
+        )
+    for key, most in box.items():
+        if not 0.0 < most < np.inf:
+            raise DescriptionError(
+                f"{name}: fastest: settle{key and '.' + key}: {most!r}. Give a number above 0, in "
+                "SI: no motion is exactly still."
+            )
+    if intervals != int(intervals) or intervals < 1:
+        raise DescriptionError(
+            f"{name}: fastest: intervals: {intervals!r}. Give a whole number above 0; "
+            f"{_INTERVALS} by default."
+        )
 
 
 def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:
@@ -282,6 +294,10 @@ def _moves(
     mechanism: Mechanism, to: Mapping[str, float], target: str | None
 ) -> tuple[str, dict[str, float]]:
     """Target and displacements; platform coordinates that are not named stay where they are."""
+    if not to:
+        raise DescriptionError(
+            f"{mechanism.name}: fastest: to: nothing moves. Say what and how far."
+        )
     if target is None:
         target = "joints" if set(to) <= set(mechanism.motors) else "platform"
     make = {"joints": to} if target == "joints" else {"platform": to}
@@ -374,30 +390,32 @@ def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
 def _searched(
     task: Task, first: Profile, bound: float, grid: Grid, close: float,
     tell: Callable[[Look], None],
-) -> tuple[Look, Grid]:  # fmt: skip
-    """The nominal robot's motion, then all robots' from there on, and the instants of the last."""
+) -> tuple[Look, Search]:  # fmt: skip
+    """The nominal robot's motion, then all robots' from there on, and the last search."""
     alone = replace(task, models=task.models[:1], rigid=task.rigid[:1], rest=task.rest[:1])
     many = len(task.models) > 1
     search, asked = Search(alone, grid, tell), _FIRST * close if many else close
     found = search.go(first, _STEPS, asked)
     if task.box is None and (not found.kept or found.profile.duration > _FAR * bound):
+        other = Search(alone, grid, tell)
         try:
-            again = Search(alone, grid, tell).go(_shaped(task, first), _STEPS, asked)
+            again = other.go(_shaped(task, first), _STEPS, asked)
         except ConvergenceError:  # no step from there keeps the jerk: the first search stands
             again = found
-        found = min(found, again, key=lambda x: (not x.kept, x.profile.duration))
+        if (not again.kept, again.profile.duration) < (not found.kept, found.profile.duration):
+            found, search = again, other
     if many:
         search = Search(task, grid, tell, max(search.radius, RESTART))
-        found = search.go(found.profile, _STEPS, _ALL * close)
+        found = search.go(found.profile, _STEPS, _ALL * close, found.runs)
     if task.pushed and found.kept:
-        found, grid = _refined(Search(task, grid, tell), found, close)
+        found, search = _refined(Search(task, grid, tell), found, close)
     if broken := found.broken:
         raise ConvergenceError(
             f"{task.models[0].name}: fastest: no motion found that keeps all: the best one, of "
             f"{found.profile.duration:.4g} s, {' and '.join(broken)}. Allow more intervals than "
             f"{found.profile.n}, a wider band, or higher limits."
         )
-    return found, grid  # equal steps have less than the band: finer runs judge what is between
+    return found, search  # equal steps have less than the band: finer runs judge what is between
 
 
 def _shaped(task: Task, like: Profile) -> Profile:
@@ -418,7 +436,7 @@ def _strained(task: Task, now: Look) -> str:
     return "" if task.strains is None else f", {100 * now.strain:.1f} % of stress or path"
 
 
-def _refined(search: Search, found: Look, close: float) -> tuple[Look, Grid]:
+def _refined(search: Search, found: Look, close: float) -> tuple[Look, Search]:
     """The same with shorter intervals where a torque goes from limit to limit inside one."""
     limits = search.task.limits
     for _ in range(_ROUNDS):
@@ -430,29 +448,64 @@ def _refined(search: Search, found: Look, close: float) -> tuple[Look, Grid]:
         if not 0 < np.sum(loose) <= _LOOSE * profile.n:
             break
         grid = replace(search.grid, each=min(_PARTS * search.grid.each, _FINEST))
-        finer_search = replace(search, grid=grid, radius=_RADIUS)
+        finer_search = replace(search, grid=grid, radius=_RADIUS, nearby=[])
         finer = finer_search.go(profile.split(loose, _PARTS), _STEPS, _FINE * close)
         if not finer.kept:
             break
         found, search = finer, finer_search
         if finer.profile.duration > (1.0 - close) * profile.duration:
             break
-    return found, search.grid
+    return found, search
+
+
+def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Look, list[Settled]]:
+    """The motion under limits that runs by a tolerance keep, and these runs of all models.
+
+    They know nothing of how the motion was found. The nominal robot's show limits; the others'
+    follow for the last motion that leaves them still.
+    """
+
+    def seen(one: Look, k: int) -> Settled:
+        T, how = one.profile.duration, dict(task.drive)
+        if task.limits.jumps:  # torques jump
+            how["asked"] = ("platform",)
+        motion = one.profile.motion(task.target, task.moves)
+        return settled(task.models[k], motion, task.rest[k], task.band, T, period, TOL,
+                       T if task.box else None, how)  # fmt: skip
+
+    def used(one: Look, by: Settled) -> dict[str, float]:
+        return _active(task, one.profile, by.run)[1]
+
+    def still(*every: Settled) -> bool:
+        return task.box is not None or max(x.residual for x in every) <= task.band
+
+    ways = [(found, seen(found, 0))]
+    for _ in range(_PASSES):
+        shares = used(*ways[-1])
+        most = max(shares.values(), default=0.0)
+        if most <= 1.0 + _SHOWN:
+            break
+        drawn_in = _drawn_in(task, ways[-1][0], shares)
+        search = replace(search, task=drawn_in, radius=_NEARBY, push=DEAR, any_kept=True)
+        closer = search.go(ways[-1][0].profile, _CLOSER, 0.0, ways[-1][0].runs)
+        again = closer, seen(closer, 0)
+        if max(used(*again).values()) > most or not still(again[1]):
+            break
+        ways.append(again)
+    for found, nominal in reversed(ways):
+        every = [nominal, *(seen(found, k) for k in range(1, len(task.models)))]
+        if still(*every):
+            break
+    return found, every
 
 
 def _told(
-    task: Task, found: Look, models: dict[str, Mechanism], bound: float, steps: int, period: float
-) -> Fastest:
-    """The result, from runs by a tolerance that know nothing of how the motion was found."""
+    task: Task, found: Look, models: dict[str, Mechanism], bound: float, steps: int,
+    every: list[Settled],
+) -> Fastest:  # fmt: skip
+    """The result, from runs of all models."""
     motion = found.profile.motion(task.target, task.moves)
-    T, how = found.profile.duration, dict(task.drive)
-    if task.limits.jumps:  # torques jump
-        how["asked"] = ("platform",)
-    seen: dict[str, Settled] = {
-        name: settled(model, motion, rest, task.band, T, period, TOL,
-                      T if task.box else None, how)
-        for (name, model), rest in zip(models.items(), task.rest, strict=True)
-    }  # fmt: skip
+    seen = dict(zip(models, every, strict=True))
     ends = None
     if task.box is not None:
         each = [

@@ -313,6 +313,7 @@ class RigidPath:
         self.poses, self.end = path.q, path.q[-1]
         self.motors = mechanism.rigid.motors
         self._first, self._second = CubicSpline(s, path.v), CubicSpline(s, path.a)
+        self.top = np.abs(path.v[:, self.motors]).max(axis=0)  # speed of motors by ds/dt
         dynamics = Equations(mechanism.rigid)
         J = dynamics.close(path.q).J
 

@@ -65,18 +65,19 @@ def places(profile: Profile) -> Array:
 def of_path(rows: Rows, profile: Profile, limits: Limits, rigid: RigidPath) -> None:
     """Speed, acceleration and jerk along the path, speeds of the motors."""
     n, T, x = profile.n, profile.duration, profile.x
-    s, v, a = basis(profile.ends, profile.jumps, places(profile))
-    one = np.ones(len(v))
-    rows.both(v, v @ x, _ALONG * limits.speed * T, limits.speed * one)
-    rows.both(a, a @ x, limits.acceleration * T**2, 2.0 * limits.acceleration * T * one)
+    B = basis(profile.ends, profile.jumps, places(profile)).reshape(3, n, -1, len(x))
+    a = B[2, :, [0, -1]].reshape(-1, len(x))  # linear inside
+    s, v = B[:2, :, :-1].reshape(2, -1, len(x))  # the next interval begins as fast
+    rows.both(v, v @ x, _ALONG * limits.speed * T, limits.speed * np.ones(len(v)))
+    rows.both(a, a @ x, limits.acceleration * T**2, 2.0 * limits.acceleration * T * np.ones(2 * n))
     if np.isfinite(limits.jerk):
-        by = np.eye(n)
+        by = np.eye(len(x))[:n]
         rows.both(by, x[:n], limits.jerk * T**3, 3.0 * limits.jerk * T**2 * np.ones(n))
-    if np.any(np.isfinite(limits.motor_speed)):
-        gain, turn = rigid.motor_speed(s @ x), rigid(s @ x)[1][:, rigid.motors]
-        for k, most in enumerate(limits.motor_speed):
+    gain, turn = rigid.motor_speed(s @ x), rigid(s @ x)[1][:, rigid.motors]
+    for k, (most, top) in enumerate(zip(limits.motor_speed, rigid.top, strict=True)):
+        if np.isfinite(most) and top > most / limits.speed:  # else that along the path keeps it
             by = gain[:, k, None] * v + (turn[:, k] * (v @ x))[:, None] * s
-            rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * one)
+            rows.both(by, gain[:, k] * (v @ x), _ALONG * most * T, most * np.ones(len(v)))
 
 
 def solved(
@@ -102,8 +103,9 @@ def solved(
     cost = np.zeros(numbers + 3)
     cost[numbers:] = 1.0 / T, SHAKE, push
     bounds = [(-radius, radius)] * numbers + [(-longest * T, longest * T), (0, None), (0, None)]
+    # A presolve finds little in rows that are all full, and takes half of the time.
     found = linprog(cost, A_ub=A, b_ub=np.concatenate(rows.b), A_eq=E * scale, b_eq=e,
-                    bounds=bounds, method="highs")  # fmt: skip
+                    bounds=bounds, method="highs-ds", options={"presolve": False})  # fmt: skip
     if found.status != 0:
         raise ConvergenceError(
             f"fastest: with {n} intervals no motion nearby keeps the limits along the path "

@@ -133,10 +133,15 @@ class _March:
         self.scheme, self.h = generalized_alpha(_RHO), grid.step * profile.duration
         seen = run_of(mechanism, run).at(slice(1, None, 2))
         self.t, self.y, self.v, self.a, self.lam = seen.t, seen.y, seen.v, seen.a, seen.lam
-        self.push = None if pushed is None else self._pushes(pushed, profile)
         self.near: IntArray = _NONE
-        self.moved: list[tuple[Array, Array, Array, Array]] = []
-        self.shape = basis(profile.ends, profile.jumps, grid.u)
+        self.moved: list[list[Array]] = []
+        begins = np.append(profile.ends[:-1], profile.ends if profile.jumps else _NONE)
+        # The duration, then numbers as they begin: what has not begun moves nothing.
+        self.order = np.append(len(begins), np.argsort(begins, kind="stable"))
+        self.begun = 1 + np.searchsorted(np.sort(begins), grid.u + 0.5 * grid.step, side="right")
+        self.shape = np.moveaxis(basis(profile.ends, profile.jumps, grid.u), 0, 2)
+        self.shape = self.shape[:, self.order[1:]]
+        self.push = None if pushed is None else self._pushes(pushed, profile)
         s, v, a = basis(profile.ends, profile.jumps, grid.u[: grid.moving + 1]) @ profile.x
         first, second, third = along(s)
         v, a, T = v[:, None], a[:, None], self.T
@@ -152,16 +157,15 @@ class _March:
         from scipy.interpolate import CubicSpline
 
         system, grid, sc, h = self.mechanism.flexible, self.grid, self.scheme, self.h
-        free, motors = system.free, system.motors
+        nv, motors, columns = system.nv, system.motors, len(self.order)
+        free = np.arange(nv) if self.push is not None else system.free
+        n, near = len(free), set(self.near.tolist())
+        torque = np.zeros((grid.moving if forces else 0, columns, len(motors)))
+        platform = self._platform()
         if self.push is not None:
-            free = np.arange(system.nv)
-        n, numbers, near = len(free), self.shape.shape[2], set(self.near.tolist())
-        torque = np.zeros((grid.moving if forces else 0, len(motors), numbers + 1))
-        platform = self._platform()[:, free]
-        if self.push is not None:
-            platform = np.vstack([platform, np.eye(system.nv)[motors]])
-        place = np.zeros((grid.after, len(platform), numbers + 1))
-        rate, ahead = np.zeros((0, numbers + 1)), np.zeros((0, n))
+            platform = np.vstack([platform, np.eye(nv)[motors]])
+        place = np.zeros((grid.after, columns, len(platform)))
+        rate, ahead = np.zeros((0, columns)), np.zeros((0, nv))
         if far is not None:
             size = float(np.linalg.norm(far))
             frame = self.mechanism.frame(str(self.mechanism.description.platform))
@@ -169,74 +173,81 @@ class _March:
             J = Frame(self.dynamics.model, frame).jacobian(self.dynamics.kinematics(self.y[some]))
             ahead = np.einsum("i,kin->kn", far / size, J[:, :3])
             ahead = CubicSpline(some, ahead)(np.arange(grid.moving))
-            rate = np.zeros((grid.moving, numbers + 1))
-            rate[:, :-1] = size / self.T * self.shape[1, : grid.moving]  # the rigid robot's
-            rate[:, -1] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving]) / self.T
-            ahead = ahead[:, free]
-        d, v, a, s = (np.zeros((n, numbers + 1)) for _ in range(4))
+            rate = np.zeros((grid.moving, columns))
+            rate[:, 1:] = size / self.T * self.shape[: grid.moving, :, 1]  # the rigid robot's
+            rate[:, 0] = -np.einsum("kn,kn->k", ahead, self.v[: grid.moving]) / self.T
+        every = np.zeros((4, columns, nv))  # motors that follow stay 0
         for k, now, step in self._systems(free):
-            M, C, K, J = (now.M[:, free], now.C[:, free], now.K[:, free], now.J[:, free])
+            d, v, a, s = every[:, : self.begun[k]]
             load, gap = self._load(k, now)
-            d = d + h * v + h * h * (0.5 - sc.beta) * s
-            v = v + h * (1.0 - sc.gamma) * s
-            s = (-sc.alpha_m * s + sc.alpha_f * a) / (1.0 - sc.alpha_m)
-            d, v = d + h * h * sc.beta * s, v + h * sc.gamma * s
-            right = np.empty((n + len(gap), numbers + 1), order="F")
-            right[:n] = -(load[free] + C[free] @ v + K[free] @ d)
-            right[n:] = -(gap + J @ d) / (sc.beta * h * h)
-            x, _ = lapack().dgetrs(*step, right, overwrite_b=1)
-            ds, lam = x[:n], x[n:]
-            s, a = s + ds, sc.mass_factor * ds
-            d, v = d + h * h * sc.beta * ds, v + h * sc.gamma * ds
+            d += h * v + h * h * (0.5 - sc.beta) * s
+            v += h * (1.0 - sc.gamma) * s
+            s[:] = (-sc.alpha_m * s + sc.alpha_f * a) / (1.0 - sc.alpha_m)
+            d += h * h * sc.beta * s
+            v += h * sc.gamma * s
+            left = (load + v @ now.C.T + d @ now.K.T).take(free, 1)
+            open_by = (gap + d @ now.J.T) / (sc.beta * h * h)
+            right = -np.concatenate([left, open_by], axis=1)
+            x = lapack().dgetrs(*step, right.T, overwrite_b=1)[0].T
+            ds, lam = np.zeros_like(d), x[:, n:]
+            ds[:, free] = x[:, :n]
+            s += ds
+            a[:] = sc.mass_factor * ds
+            d += h * h * sc.beta * ds
+            v += h * sc.gamma * ds
             if k < len(rate):
-                rate[k] += ahead[k] @ v
+                rate[k, : len(v)] += v @ ahead[k]
             if k in near:
-                self.moved.append((*self._whole(k, free, d, v, a), lam))
+                self.moved.append(self._whole(k, every[0], every[1], every[2], lam))
             if k >= grid.moving:
-                place[k - grid.moving] = platform @ d
+                place[k - grid.moving] = d @ platform.T
             elif forces and self.push is not None:
                 torque[k] = self.push[k]
             elif forces:
-                torque[k] = load[motors] + M[motors] @ a + C[motors] @ v + K[motors] @ d
-                torque[k] -= now.J[:, motors].T @ lam
-        return Response(torque, place, rate, np.zeros((0, 0, numbers + 1)))
+                M, C, K, J = (x[..., motors] for x in (now.M.T, now.C.T, now.K.T, now.J))
+                torque[k, : len(d)] = load[:, motors] + a @ M + v @ C + d @ K - lam @ J
+        back = np.argsort(self.order)
+        torque, place = (np.swapaxes(x[:, back], 1, 2) for x in (torque, place))
+        self.moved = [[x[back].T for x in one] for one in self.moved]
+        return Response(torque, place, rate[:, back], np.zeros((0, 0, columns)))
 
-    def _whole(self, k: int, free: IntArray, *free_ones: Array) -> list[Array]:
-        """Changes of all coordinates, speeds and accelerations at an instant, (nv, numbers + 1)."""
+    def _whole(self, k: int, d: Array, v: Array, a: Array, lam: Array) -> list[Array]:
+        """Changes of all coordinates, speeds, accelerations and multipliers at an instant."""
         found, slower = [], (0.0, self.v[k] / self.T, 2.0 * self.a[k] / self.T)
-        for own, less, rigid in zip(free_ones, slower, reversed(self.rigid), strict=True):
-            change = np.zeros((self.mechanism.flexible.nv, own.shape[1]))
-            change[:, -1] = -less
+        for own, less, rigid in zip((d, v, a), slower, reversed(self.rigid), strict=True):
+            change = own.copy()
+            change[0] -= less
             if self.push is None:
-                change[: rigid.shape[1], :-1] = rigid[k] @ self.shape[:, k]
-            change[free] += own
+                change[1:, : rigid.shape[1]] += self.shape[k] @ rigid[k].T
             found.append(change)
-        return found
+        multipliers = np.zeros((len(d), lam.shape[1]))
+        multipliers[: len(lam)] = lam
+        return [*found, multipliers]
 
     def _load(self, k: int, now: Tangent) -> tuple[Array, Array]:
-        """Of instant k: forces (nv, numbers + 1), and by how much closures open (rows, same)."""
-        slower = -(2.0 * now.M @ self.a[k] + now.C @ self.v[k]) / self.T
+        """Of instant k: forces (begun, nv), and by how much closures open (begun, rows)."""
+        begun = self.begun[k]
+        load, gap = np.zeros((begun, len(now.M))), np.zeros((begun, len(now.J)))
+        load[0] = -(now.M @ (2.0 * self.a[k]) + now.C @ self.v[k]) / self.T
         if self.push is not None:
-            numbers = self.push.shape[2]
-            load = np.zeros((len(slower), numbers))
-            load[:, -1] = slower
             if k < len(self.push):
-                load[self.mechanism.flexible.motors] -= self.push[k]
-            return load, np.zeros((len(now.J), numbers))
-        j, shape = min(k, self.grid.moving), self.shape[:, k]
+                load[:, self.mechanism.flexible.motors] -= self.push[k, :begun]
+            return load, gap
+        j, shape = min(k, self.grid.moving), self.shape[k, : begun - 1]
         n = self.rigid[0].shape[1]
         a, v, q = (x[j] for x in self.rigid)
-        by_number = (now.M[:, :n] @ a + now.C[:, :n] @ v + now.K[:, :n] @ q) @ shape
-        opened = (now.J[:, :n] @ q) @ shape
-        return np.column_stack([by_number, slower]), np.column_stack([opened, 0.0 * opened[:, :1]])
+        load[1:] = shape @ (now.M[:, :n] @ a + now.C[:, :n] @ v + now.K[:, :n] @ q).T
+        gap[1:] = shape @ (now.J[:, :n] @ q).T
+        return load, gap
 
     def _pushes(self, path: RigidPath, profile: Profile) -> Array:
-        """Torques by numbers and duration, in the mean of every step, (moving, nm, numbers + 1)."""
+        """Torques by duration and numbers, in the mean of every step, (moving, numbers + 1, nm)."""
         u, jumps = np.linspace(0.0, 1.0, self.grid.moving + 1), profile.jumps
         v = basis(profile.ends, jumps, u)[1]
         B = basis(profile.ends, jumps, self.grid.u[: self.grid.moving])
         B[2] = np.diff(v, axis=0) / self.grid.step  # an acceleration may jump inside a step
-        return path.torque_by(B, profile.x, profile.duration)[1]
+        by = path.torque_by(B, profile.x, profile.duration)[1]
+        return np.swapaxes(by[:, :, self.order], 1, 2)
 
     def _platform(self) -> Array:
         """How the platform's place moves with all coordinates at the end, shape (3, nv)."""
@@ -260,7 +271,7 @@ class _March:
     def _step(self, now: Tangent, free: IntArray) -> Array:
         by_a, by_v, by_d = self.scheme.weights(self.h)
         S = by_a * now.M + by_v * now.C + by_d * now.K
-        return saddle_matrix(S[np.ix_(free, free)], now.J[:, free])
+        return saddle_matrix(S.take(free, 0).take(free, 1), now.J.take(free, 1))  # quicker than []
 
 
 class Strains:
@@ -340,11 +351,21 @@ def worst_stress(mechanism: Mechanism, run: Run) -> dict[str, Array]:
     return found
 
 
+def platform_of(mechanism: Mechanism, run: Result) -> Array:
+    """Places of the platform [m], (nt, 3), without what accelerations at samples take."""
+    y = run.array("joint/q")
+    if mechanism.flexible.n_eta:
+        y = np.hstack([y, run.array("eta")])
+    frame = mechanism.frame(str(mechanism.description.platform))
+    return frame_poses(Equations(mechanism.flexible), y, frame)[1]
+
+
 # How long a platform shakes after a motion, by a coupled run.
 
 _EQUAL = 16000, 32000
 _WATCHED = 6.0  # longest periods after the end
 _SAMPLES = 24  # a period: what lies between is 1 % higher at the most
+_FEWER = 4  # of them tell how far from rigid a run is
 
 
 @dataclass(frozen=True)
@@ -369,24 +390,27 @@ def settled(
 ) -> Settled:  # fmt: skip
     """Run a motion that ends at `end` [s], `how` as `solve` takes it, and watch the platform."""
     until = until or end + _WATCHED * period
-    samples = int(np.clip(_SAMPLES * until / period, 1200, 6000)) + 1
+    samples = _FEWER * int(np.clip(_SAMPLES * until / period, 1200, 6000) / _FEWER) + 1
     told: dict[str, Any] = {"until": until, "samples": samples, "level": "coupled"}
     told |= how or {}
     try:
         run = solve(mechanism, motion, tol=tol, **told)
-        wrong, half = time_error(run.meta.get("settings", {}), run.level)[0], None
+        half = None
     except ConvergenceError:  # jumps of an acceleration: steps that end there, and twice as many
         half, run = (solve(mechanism, motion, dt=end / steps, **told) for steps in _EQUAL)
-        wrong = {}
-    frame = str(mechanism.description.platform)
-    away = np.linalg.norm(run.frame(frame).position - rest, axis=1)
+    place = platform_of(mechanism, run)
+    away = np.linalg.norm(place - rest, axis=1)
     out = np.flatnonzero(away > band)
     last = int(out[-1]) + 1 if len(out) else 0
     time = float(run.t[last]) if last < len(run.t) else np.inf
     after = away[run.t >= end * (1.0 - 1e-12)]
+    some, share = place[::_FEWER], 1.0
     if half is None:
-        rigid = solve(mechanism, motion, level="rigid", until=until, samples=samples)
-        bar = wrong.get("platform position", 0.0) * peak(run.deviation_from(rigid, frame).norm)
+        rigid = solve(mechanism, motion, level="rigid", until=until, samples=len(some))
+        other = rigid.frame(str(mechanism.description.platform)).position
+        wrong = time_error(run.meta.get("settings", {}), run.level)[0]
+        share = wrong.get("platform position", 0.0)
     else:
-        bar = peak(run.deviation_from(half, frame).norm)
+        other = platform_of(mechanism, half)[::_FEWER]
+    bar = share * peak(np.linalg.norm(some - other, axis=1))
     return Settled(time, float(after.max(initial=0.0)), float(bar), run)

@@ -7,14 +7,14 @@ de la Maza 1989: successive linear programming with a merit function).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from pinflex.actuation.path import motor_axes
 from pinflex.advice.solve import solve
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, IntArray
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_poses
 from pinflex.mechanics.mechanism import Mechanism
@@ -31,7 +31,7 @@ from pinflex.quickest.programme import (
     solved,
     torque_rows,
 )
-from pinflex.quickest.response import Grid, Response, Strains, response
+from pinflex.quickest.response import Grid, Response, Strains, platform_of, response
 from pinflex.recovery.kinematics import run_of
 from pinflex.results.result import Result
 
@@ -211,17 +211,19 @@ class Look:
         return np.flatnonzero(np.any(self.use > _CLOSE, axis=1))
 
 
-def look(task: Task, profile: Profile, grid: Grid, how: dict[str, Any]) -> Look:
-    """Run all models with a profile."""
+def look(
+    task: Task, profile: Profile, grid: Grid, how: dict[str, Any], runs: tuple[Result, ...] = ()
+) -> Look:
+    """Run all models with a profile, but those of which there are `runs`."""
     motion = profile.motion(task.target, task.moves)
-    runs = tuple(
+    runs += tuple(
         solve(model, motion, level="coupled", until=grid.until * profile.duration,
               samples=grid.samples, **task.drive, **how)
-        for model in task.models
+        for model in task.models[len(runs) :]
     )  # fmt: skip
     after = 2 * grid.moving
     each = [*zip(task.models, runs, task.rest, strict=True)]
-    place = np.array([_place(model, run, slice(after, None)) - x for model, run, x in each])
+    place = np.array([platform_of(model, run)[after:] - x for model, run, x in each])
     torque = runs[0].torque[1:after]
     turn = motors_of(task.models[0], runs[0], after + 1)
     push = float(np.max(task.limits.push(runs[0].torque[: after + 1], *turn)))
@@ -262,15 +264,9 @@ def platform_speed(task: Task, run: Result, end: float) -> tuple[Array, Array]:
     inside = run.t <= end * (1.0 + _ROUND)
     if (far := task.far) is None:
         return np.zeros_like(run.t[inside]), np.zeros_like(run.t[inside])
-    place = _place(task.models[0], run, inside)
+    place = platform_of(task.models[0], run)[inside]
     rate = np.gradient(place, run.t[inside], axis=0) / (np.linalg.norm(far) * task.limits.speed)
     return rate @ far / np.linalg.norm(far), np.linalg.norm(rate, axis=1)
-
-
-def _place(model: Mechanism, run: Result, at: slice | BoolArray) -> Array:
-    """Of the platform at some samples [m], (k, 3)."""
-    frame = model.frame(str(model.description.platform))
-    return frame_poses(Equations(model.flexible), run_of(model, run).y[at], frame)[1]
 
 
 def end_of(
@@ -300,6 +296,7 @@ class Search:
         unit: In which shake costs, in bands: less than that of the first look by far.
         push: What torques too much cost; dearer where that is too cheap.
         any_kept: Whether the first profile that keeps all will do.
+        nearby: Responses about the last profile that a step was made from.
     """
 
     task: Task
@@ -309,10 +306,15 @@ class Search:
     unit: float = 1.0
     push: float = 1.0
     any_kept: bool = False
+    nearby: list[Response] = field(default_factory=list)
 
-    def go(self, first: Profile, steps: int, close: float) -> Look:
-        """The best profile found; over when a step hopes for less than `close` of the duration."""
-        now = self._look(first)
+    def go(self, first: Profile, steps: int, close: float, runs: tuple[Result, ...] = ()) -> Look:
+        """The best profile found; over when a step hopes for less than `close` of the duration.
+
+        `runs`: of the first models with the first profile, if they are known. A search that goes
+        on from another one makes its first step by what is `nearby`.
+        """
+        now = self._look(first, runs)
         for _ in range(_SLOWER):
             if now.strain <= _HARD:
                 break
@@ -320,13 +322,13 @@ class Search:
         T = now.profile.duration
         self.unit = unit = max(1.0, _COARSE * now.shake)
         best = now if now.kept else None
-        fresh: list[Response] = []
-        stuck = 0
+        fresh = [] if self.task.strains else self.nearby  # these are about some instants alone
+        old, stuck = bool(fresh), 0
         for _ in range(steps):
             if self.any_kept and best is not None:
                 break
             self.tell(now)
-            fresh = fresh or self._responses(now)
+            self.nearby = fresh = fresh or self._responses(now)
             new, foreseen = self._next(now, fresh, _Bent())
             slack = foreseen - 1.0 - (new.profile.duration / now.profile.duration - 1.0)
             hoped = now.cost(T, unit, self.push) - (new.profile.duration / T + slack)
@@ -342,8 +344,9 @@ class Search:
             if new.kept and (best is None or new.profile.duration < best.profile.duration):
                 best = new
             stuck = 0 if gain > 0.1 * hoped else stuck + 1
-            if not stuck:
-                now, fresh = new, []
+            now = now if stuck else new
+            fresh = [] if old or not stuck else fresh
+            old = False
             near = best is not None and best.profile.duration < (1.0 + close) * now.profile.duration
             over = (hoped < close and (near or best is None)) or self.radius < _RADII[0]
             if over or (stuck > 1 and near and hoped < _WORTH * close):
@@ -354,12 +357,12 @@ class Search:
                 break
         return best or now
 
-    def _look(self, profile: Profile) -> Look:
+    def _look(self, profile: Profile, runs: tuple[Result, ...] = ()) -> Look:
         """In equal steps, whose errors limits and band leave room for; by tol across jumps."""
         how: dict[str, Any] = {"dt": profile.duration / (_FINER * self.grid.moving)}
         if self.task.limits.jumps:
             how = {"tol": _JUMPY, "asked": ("platform",)}  # torques jump
-        return look(self.task, profile, self.grid, how)
+        return look(self.task, profile, self.grid, how, runs)
 
     def _responses(self, now: Look) -> list[Response]:
         task = self.task

@@ -351,6 +351,16 @@ def test_what_makes_no_motion_is_refused(two):
             pf.fastest(two, {"drive": 1.0}, settle=1e-3, limits=given)
     with pytest.raises(pf.DescriptionError, match="nothing moves"):
         pf.fastest(two, {"drive": 0.0}, settle=1e-3)
+    with pytest.raises(pf.DescriptionError, match="to: nothing moves. Say what"):
+        pf.fastest(two, {}, settle=1e-3)
+    for settle, word in ((0, "settle: 0"), (-1e-3, "above 0"), (np.nan, "settle: nan"),
+                         ({"position": 1e-3, "speed": 0.0}, r"settle\.speed: 0\.0"),
+                         ({"position": 1e-3}, "both of them")):  # fmt: skip
+        with pytest.raises(pf.DescriptionError, match=word):
+            pf.fastest(two, {"drive": 1.0}, settle=settle)
+    for intervals in (0, 2.5):
+        with pytest.raises(pf.DescriptionError, match="intervals: .* whole number"):
+            pf.fastest(two, {"drive": 1.0}, settle=1e-3, intervals=intervals)
     with pytest.raises(pf.DescriptionError, match="nothing in this model vibrates"):
         pf.fastest(
             pf.load("3rrr", ["flexible=null"]), {"x": 0.01, "y": 0.0, "rz": 0.0}, settle=1e-4
@@ -388,6 +398,20 @@ def test_limits_of_a_quintic_that_round_off_keeps_from_a_tolerance():
     run = pf.solve(robot, motion, level="coupled", dt=1e-4, until=0.3)
     # a run by 1e-4, and steps of a fiftieth of the first period of what they leave: 5e-3 together
     assert of_motion(robot, motion)["torque"] == pytest.approx(np.abs(run.torque).max(), rel=5e-3)
+
+
+@pytest.mark.parametrize("path, motor, v", [
+    (np.inf, 0.4, 0.4), (0.5, 0.4, 0.4), (0.4, 0.5, 0.4),  # the last: that of the motor is idle
+])  # fmt: skip
+def test_a_rigid_motor_keeps_its_speed(path, motor, v, two):
+    """Mass 2, force 1, one unit, speed at most v: T = 1 / v + v / a."""
+    given = {"jerk": np.inf, "motor_speed": motor} | ({"speed": path} if path < 9.0 else {})
+    limits = limits_of(two, "joints", {"drive": 1.0}, given)
+    first = fitted(pf.quintic(joints={"drive": 1.0}, duration=6.0), np.ones(1), 20, True)
+    found = rigid_least(RigidPath(two, "joints", {"drive": 1.0}, 1.0), limits, first)
+    assert 1.0 / v + v / 0.5 == pytest.approx(found.duration, rel=2e-3)  # 5e-4 of it left, twenty
+    _, fast, _ = found.at(np.linspace(0.0, found.duration, 2001))
+    assert 0.999 * v < fast.max() <= v * (1 + 1e-9)  # intervals
 
 
 def test_the_rigid_least_time_keeps_a_motors_curve(tmp_path):
