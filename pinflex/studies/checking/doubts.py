@@ -25,6 +25,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
 from pinflex.mechanics.model.tree import Link, poses_of, sliding
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
+from pinflex.studies.scenes.proposals import cut_open
 from pinflex.text import percent, plural
 
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
@@ -175,6 +176,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
     description = mechanism.description
     return (
         *_freedom_warnings(mechanism),
+        *_cut_open(mechanism),
         *_loose_at_home(mechanism),
         *_loose_pins(mechanism),
         *_off_axis(mechanism),
@@ -313,6 +315,18 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
             "deflections are not small, so level ked is off as well. Trust coupled."
         )
     return found
+
+
+def _cut_open(mechanism: Mechanism) -> list[str]:
+    """What to write where ends that nothing holds coincide at home."""
+    loops = cut_open(mechanism)
+    if not loops:
+        return []
+    return [
+        "open ends coincide at home, as where a loop is cut open: each branch moves by itself. If "
+        f"they meet in joints, write `{loops}`, and their motors under `actuated`; `pinflex new` "
+        "proposes both."
+    ]
 
 
 def _loose_at_home(mechanism: Mechanism) -> list[str]:

@@ -21,11 +21,15 @@ from pinflex.description.files import Source, SourceJoint
 from pinflex.description.reading import yaml_text
 from pinflex.description.robots.urdf import Limits, limits
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.linalg import null_space
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.tree import Link
 
 _NEAR = 1e-4  # [m] frames that coincide, but for the decimals of a file
-_MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already
+_MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already; a frame
+# that moves by less for one radian or metre of a freedom stands still
 _LOOKS = 3  # poses at which that is looked at
 _WORDS = (  # the end of a robot, surest name first
     re.compile(r"platform|(^|_)plate|tool|effector|tcp|flange", re.I),
@@ -95,13 +99,15 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     """A link whose name sounds like the end of a robot, an end of a loop, or the outermost link.
 
     Fingers and sensors come last, whatever hangs furthest out, and so do rods that spin: no motor
-    says how they are turned.
+    says how they are turned; and frames on the axis about which a closed loop turns their link.
     """
     links, ends = mechanism.links, [end for loop in closing.loops for end in (loop.a, loop.b)]
     spins = {spin.frame_b for spin in closing.closed.idle.spins} if closing.closed else set()
     rods = {_body(k, links) for k in range(len(links)) if links[k].name in spins}
     depth = _depths(links)
     moving = [k for k in range(len(links)) if depth[k][0]] or [0]
+    still = _still(closing.closed or mechanism)
+    moving = [k for k in moving if links[k].name not in still] or moving
     plain = [k for k in moving if not _aside(k, links) and _body(k, links) not in rods] or moving
     named: list[int] = next(
         (found for word in _WORDS if (found := [k for k in plain if word.search(links[k].name)])),
@@ -111,6 +117,17 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     heavy = [k for k in plain if links[k].weighs]
     best = named or [k for k in tied if links[k].weighs] or tied or heavy or plain
     return links[max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))].name
+
+
+def _still(mechanism: Mechanism) -> set[str]:
+    """Frames whose origins no motion that the loops leave can move from home."""
+    look, home = Equations(mechanism.rigid), mechanism.home
+    Z, frames = null_space(look.close(home).J), look.system.expansion.frames
+    return {
+        name
+        for name, frame in frames.items()
+        if np.max(np.abs(frame_jacobian(look, home, frame)[:3] @ Z), initial=0.0) < _MOVES
+    }
 
 
 def _depths(links: Sequence[Link]) -> list[tuple[int, int]]:
@@ -229,20 +246,10 @@ def single(tree: Source) -> list[SourceJoint]:
 def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     """Open ends of different branches that coincide; else the nearest, where joints are passive."""
     model, links = mechanism.rigid.rigid, mechanism.links
-    ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
-    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
-    poses = _poses(mechanism)
-    spots = [{k: data.oMf[frames[k]].translation.copy() for k in ends} for data in poses]
-    free: dict[tuple[int, int], float] = {}
-    for n, a in enumerate(ends):
-        for b in ends[n + 1 :]:
-            apart = [float(np.linalg.norm(spot[a] - spot[b])) for spot in spots]
-            weighs = links[a].weighs and links[b].weighs
-            if not weighs and np.ptp(apart) > _MOVES:
-                free[a, b] = apart[0]
-    together = [(pair, d) for pair, d in free.items() if d < _NEAR]
-    if together:
-        return [Loop(links[a].name, links[b].name, d) for (a, b), d in together]
+    free = _open_ends(mechanism)
+    if found := _coinciding(mechanism, free):
+        return found
+    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for pair in free for k in pair}
     branches = {
         pair: d
         for pair, d in free.items()
@@ -251,6 +258,36 @@ def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     if not branches or not (motors or len(branches) == 1):
         return []  # every joint has a motor, as far as names tell: feet, not loops
     return _nearest(links, branches)
+
+
+def cut_open(mechanism: Mechanism) -> str:
+    """The block `loops` for open ends that coincide at home, as a line of YAML; "" for none."""
+    found: Sequence[Loop] = _coinciding(mechanism, _open_ends(mechanism))
+    if found and not mechanism.description.loops:  # of the kind that leaves motors their freedom
+        found = closing(mechanism, mechanism.description.tree()).loops
+    return _plain({"loops": {loop.name: loop.block for loop in found}}) if found else ""
+
+
+def _coinciding(mechanism: Mechanism, free: Mapping[tuple[int, int], float]) -> list[Loop]:
+    names = [link.name for link in mechanism.links]
+    return [Loop(names[a], names[b], d) for (a, b), d in free.items() if d < _NEAR]
+
+
+def _open_ends(mechanism: Mechanism) -> dict[tuple[int, int], float]:
+    """Pairs of open ends that may move apart, by numbers of links; their distance at home [m]."""
+    model, links = mechanism.rigid.rigid, mechanism.links
+    ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
+    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
+    spots = [
+        {k: data.oMf[frames[k]].translation.copy() for k in ends} for data in _poses(mechanism)
+    ]
+    free: dict[tuple[int, int], float] = {}
+    for a, b in itertools.combinations(ends, 2):
+        apart = [float(np.linalg.norm(spot[a] - spot[b])) for spot in spots]
+        weighs = links[a].weighs and links[b].weighs
+        if not weighs and np.ptp(apart) > _MOVES:
+            free[a, b] = apart[0]
+    return free
 
 
 def _open_end(number: int, mechanism: Mechanism) -> bool:
