@@ -298,8 +298,11 @@ def _without_load(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
 
 def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
     """The platform sags far, or so far that linear statics are off."""
-    sags = [rest.linear, rest.full]
-    far = [float(np.linalg.norm(sag.position)) for sag in sags if sag is not None]
+    linear, full, loaded = (
+        None if sag is None else np.array(sag.position)
+        for sag in (rest.linear, rest.full, rest.loaded)
+    )
+    far = [float(np.linalg.norm(sag)) for sag in (linear, full) if sag is not None]
     longest = max((link.length for link in links), default=0.0)
     found = []
     if far and links and max(far) > SAG_FAR * longest:  # of elastic joints alone: not judged
@@ -308,11 +311,21 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
             f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
             "that is too soft."
         )
-    seen = len(far) == 2 and max(far) > SAG_NONE * longest
-    if seen and abs(far[0] - far[1]) > SAG_APART * max(far):
+    if linear is None or full is None or max(far) <= SAG_NONE * longest:
+        return found
+    apart, less = (
+        np.inf if sag is None else float(np.linalg.norm(sag - full)) for sag in (linear, loaded)
+    )
+    if apart > SAG_APART * max(far):
+        why = "deflections are not small, so level ked is off as well. Trust coupled."
+        if less <= SAG_APART * max(far):
+            why = (
+                "weight and loads bring stiffness (they pull links straight, or hold what hangs "
+                "upright), which linear statics lack; levels ked and coupled have it."
+            )
         found.append(
-            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m: "
-            "deflections are not small, so level ked is off as well. Trust coupled."
+            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m, "
+            f"{apart:.3g} m apart: {why}"
         )
     return found
 

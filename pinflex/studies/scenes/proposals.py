@@ -291,14 +291,17 @@ def _open_ends(mechanism: Mechanism) -> dict[tuple[int, int], float]:
 
 
 def _open_end(number: int, mechanism: Mechanism) -> bool:
-    """Whether a link carries nothing and closes no loop: one fixed to another, or half a joint."""
+    """Whether a link carries nothing, closes no loop and bears no load or spring.
+
+    One fixed to another, or half a joint.
+    """
     links = mechanism.links
     link = links[number]
     return (
         link.parent >= 0
         and not (link.steps and link.weighs)
         and all(other.parent != number for other in links)
-        and link.name not in mechanism.description.tied
+        and link.name not in {*mechanism.description.tied, *mechanism.description.loaded}
         and mechanism.rigid.rigid.existFrame(link.name, pin.FrameType.BODY)
     )
 
@@ -349,21 +352,21 @@ def _kinds(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]
     return list(dict.fromkeys([*pin_about, *hinges, ("spherical", ""), ("weld", "")]))
 
 
-def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, int, int]:
-    """The model, its joints and frames at home, and the numbers of both ends."""
+def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, Array, int, int]:
+    """The model, its frames and turns (3, nv) at home, and the numbers of both ends."""
     model = mechanism.rigid.rigid
     data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.home)
+    J = pin.computeJointJacobians(model, data, mechanism.home).reshape(6, model.nv)[3:]
     pin.updateFramePlacements(model, data)
     a, b = (model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b))
-    return model, data, a, b
+    return model, data, J, a, b
 
 
 def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
     """Axes of both frames that are one at home: first as the joint that carries the first turns."""
-    model, data, a, b = _at_home(mechanism, pair)
+    model, data, J, a, b = _at_home(mechanism, pair)
     bears = model.frames[a].parentJoint or model.frames[b].parentJoint
-    turns = data.oMi[bears].rotation.T @ data.J[3:, model.idx_vs[bears]]
+    turns = data.oMi[bears].rotation.T @ J[:, model.idx_vs[bears]]
     apart = np.linalg.norm(data.oMf[a].rotation - data.oMf[b].rotation, axis=0)
     found = [axis for axis in "zxy" if apart["xyz".index(axis)] < _NEAR]
     return sorted(found, key=lambda axis: -round(abs(turns["xyz".index(axis)])))
@@ -371,10 +374,10 @@ def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
 
 def _axis(mechanism: Mechanism, pair: Loop) -> str:
     """x, y or z of frame a, the axis of all turning joints of both branches; "" if of not all."""
-    model, data, *frames = _at_home(mechanism, pair)
+    model, data, J, *frames = _at_home(mechanism, pair)
     joints = {j for f in frames for j in model.supports[model.frames[f].parentJoint] if j}
     columns = [c for j in joints for c in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
-    turns: Array = data.J[3:, columns]
+    turns = J[:, columns]
     turns = turns[:, np.linalg.norm(turns, axis=0) > _NEAR]
     local = data.oMf[frames[0]].rotation.T @ turns
     along = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) > _NEAR)
