@@ -93,19 +93,27 @@ def sharing(mechanism: Mechanism) -> str:
     )
     share = mechanism.description.share
     if isinstance(share, Tension):
-        elastic = (
-            " Only this level does: at all others motors stand where the motion has them, without "
-            "such a pretension, and struts may push; their forces differ from these. Cables that "
-            "are tight there are `springs` with `tension_only` and a `length` that stretches them."
-        )
+        elastic = f" {untensioned(mechanism)}" * mechanism.compliant
         return (
             f"{count}balance. Level rigid takes those that pull by {share.force:g} N or more at "
-            "every strut, and of them those with the least sum of torque^2 / stiffness."
-            f"{elastic * mechanism.compliant}"
+            f"every strut, and of them those with the least sum of torque^2 / stiffness.{elastic}"
         )
     return (
         f"{count}balance. Level rigid takes those with the least sum of torque^2 / stiffness, as "
         "stiff drives share them (alike where no drive has a stiffness; share: least)."
+    )
+
+
+def untensioned(mechanism: Mechanism) -> str:
+    """What levels other than rigid leave out of `share: tension`; "" where nothing is asked."""
+    share = mechanism.description.share
+    if not isinstance(share, Tension):
+        return ""
+    return (
+        f"Level rigid alone keeps the tension of {share.force:g} N (share.tension): at all others "
+        "motors stand where the motion has them, struts may push or give way, and forces and "
+        "frequencies are those without it. Cables that are tight there are `springs` with "
+        "`tension_only` and a `length` shorter than their frames are apart."
     )
 
 
