@@ -133,7 +133,7 @@ def side(mechanism: Mechanism, J: Array) -> Array:
     """Sign of the determinant of the passive joints' closures, of J (n, rows, nv), shape (n,).
 
     Where it changes a singular pose was passed, in which motors do not hold the mechanism; nan
-    where closures are as many as passive joints nowhere.
+    where closures are not as many as passive joints.
     """
     square = J[:, :, mechanism.rigid.free]
     if not 0 < square.shape[1] == square.shape[2]:

@@ -99,7 +99,8 @@ def pose_map(
         raise ConvergenceError(f"{mechanism.name}: not one pose has an answer: {first.error}")
     units = _units(mechanism, axes) if along is None else {"t": "s"}
     tables = _gathered(mechanism, shape, found, count, None if along is None else (0,))
-    sides = np.array([np.nan if x.error else x.found["side"][0] for x in found.values()], float)
+    # a journal of an older version, or a failed pose, has none
+    sides = np.array([(x.found or {}).get("side", [np.nan])[0] for x in found.values()], float)
     return PoseMap(
         mechanism.name, axes, units, *tables, preload, free_motors, sides.reshape(shape)
     )  # fmt: skip
