@@ -106,7 +106,7 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     rods = {_body(k, links) for k in range(len(links)) if links[k].name in spins}
     depth = _depths(links)
     moving = [k for k in range(len(links)) if depth[k][0]] or [0]
-    still = _still(closing.closed or mechanism)
+    still = _fixed_frames(closing.closed or mechanism)
     moving = [k for k in moving if links[k].name not in still] or moving
     plain = [k for k in moving if not _aside(k, links) and _body(k, links) not in rods] or moving
     named: list[int] = next(
@@ -119,7 +119,7 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     return links[max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))].name
 
 
-def _still(mechanism: Mechanism) -> set[str]:
+def _fixed_frames(mechanism: Mechanism) -> set[str]:
     """Frames whose origins no motion that the loops leave can move from home."""
     look, home = Equations(mechanism.rigid), mechanism.home
     Z, frames = null_space(look.close(home).J), look.system.expansion.frames
