@@ -4,9 +4,9 @@ The richer model has every plane, stretch and twist, second-order terms, shear a
 and twice the segments in each link (`finer_model`). Both models are looked at along the whole
 motion by linear vibration, twice corrected for what is not linear (pinflex.advice.probe), on the
 same instants, so that what the look itself misses is missed twice and cancels; what a shifted
-frequency makes of a long vibration is in it. Where no cheap look describes the motion, or its steps
-do not resolve the third mode, the richer model is run (`richer_run`). The error bar is twice the
-difference. Nothing is paid before it is asked for.
+frequency makes of a long vibration is in it. Steps are halved until the difference settles. Where
+it does not, or no cheap look describes the motion, the richer model is run (`richer_run`). The
+error bar is twice the difference. Nothing is paid before it is asked for.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.advice.probe import RESOLVED, Deviation, Probe
+from pinflex.advice.probe import Deviation, Probe
 from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
 from pinflex.description.blocks import material
@@ -207,7 +207,10 @@ def richer_run(
         if time.process_time() - began > _LONGEST:
             raise ConvergenceError(f"its run takes more than {_LONGEST:g} s")
 
-    keys = {**given, "start": "static" if static else "straight", "until": until, "tol": tol}
+    start = "static" if static else "straight"
+    if static and result.level != "quasistatic":  # auto leaves out loads that come and go
+        start = options.get("start") or finer.description.solve.start
+    keys = {**given, "start": start, "until": until, "tol": tol}
     return solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
 
 
@@ -314,6 +317,7 @@ def _ratio(a: list[Array], b: list[Array]) -> float | None:
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
+_SETTLED, _FAINT = 0.25, 1e-6  # of a difference: what half the steps may change; below it nothing
 _TOLD = (
     *("torque", "deflection", "stress", "section forces", "platform position"),
     *("platform rotation", "platform acceleration"),
@@ -367,9 +371,7 @@ def _model_error(
 
     def measured(coarse: bool = False) -> Errors:
         with one_blas_thread():
-            return _look_differences(
-                *_looks(mechanism, finer, motion, end, static, result.level, coarse)
-            )
+            return _looks(mechanism, finer, motion, end, static, result.level, coarse)[2]
 
     cheap = not _only_by_a_run(mechanism, settings, options)
     if cheap:
@@ -398,6 +400,7 @@ def _only_by_a_run(
         or options.get("start_speeds")
         or spec.start_speeds
         or settings.get("clearances")  # a look knows ideal joints only
+        or mechanism.flexible.loads.timed  # what a blow rings first is too fast for a look
         or mechanism.report.mobility != len(mechanism.rigid.motors)
     )
 
@@ -469,20 +472,31 @@ def _looks(
     static: bool,
     level: str,
     coarse: bool = False,
-) -> tuple[Look, Look]:
-    """A level of one model and all of another, at the same instants.
+) -> tuple[Look, Look, Errors]:
+    """A level of one model and all of another, at the same instants; and how far they differ.
+
+    Steps are right where half as many tell nearly the same: what a look misses of a vibration is
+    missed by both models, but not where they ring at other frequencies.
 
     Raises:
-        ConvergenceError: It is too long, or, unless it may be `coarse`, not resolved.
+        ConvergenceError: It is too long, or, unless it may be `coarse`, no steps settle it.
     """
     probe = Probe(mechanism, motion, end, static)
     if probe.first * end > _PERIODS:
         raise ConvergenceError("it is long beside its first natural period")
-    if not coarse and probe.steps_a_period < RESOLVED:
-        raise ConvergenceError("it is long beside its third natural period")
-    small = look(probe, motion, level)
-    probe = Probe(finer, motion, end, static, like=small.probe)
-    return small, look(probe, motion)
+    before: Errors = {}
+    for share in (0.5, 1.0, 2.0):
+        own = Probe(mechanism, motion, end, static, probe, share)
+        small = look(own, motion, level)
+        large = look(Probe(finer, motion, end, static, own), motion)
+        found = _look_differences(small, large)
+        apart = [abs(e - before.get(k, np.inf)) > _SETTLED * e + _FAINT for k, e in found.items()]
+        if not any(apart):
+            return small, large, found
+        before = found
+    if not coarse:
+        raise ConvergenceError("its vibration is too fast for the steps of a look")
+    return small, large, found
 
 
 def platform_bar(
@@ -512,7 +526,7 @@ def _poses(
     """Positions (n, 3) and rotations (n, 3, 3) of the platform in two models."""
     try:
         with one_blas_thread():
-            small, large = _looks(
+            small, large, _ = _looks(
                 mechanism, finer, motion, motion.duration, True, "coupled", run is None
             )
             return small.platform, large.platform

@@ -243,8 +243,12 @@ class Probe:
         end: float,
         static: bool,
         like: Probe | None = None,
+        finer: float = 1.0,
     ) -> None:
-        """Its nominal motion, which may be that of another probe, and the system along it."""
+        """Its nominal motion, which may be that of another probe, and the system along it.
+
+        `finer`: times as many steps as the other has.
+        """
         self.mechanism, self.system, self.static = mechanism, mechanism.flexible, static
         self.end = end
         if like is None:
@@ -255,6 +259,9 @@ class Probe:
         else:
             self.third, self.first = like.third, like.first
             self.path = like.path
+            if finer != 1.0:
+                steps = round(finer * (like.steps - 1))
+                self.path = between(mechanism, motion, like.path, np.linspace(0.0, end, steps + 1))
         self.t = self.path.t
         self.h = float(self.t[1])
         self.dynamics = Equations(self.system)

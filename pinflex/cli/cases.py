@@ -247,6 +247,9 @@ def _sweep_report(cases: Columns, given: Sequence[str]) -> Report:
     return Report("cases", (case_table(cases, shown), varying))
 
 
+_SINGULAR = 4  # places that are named
+
+
 def _map_report(poses: PoseMap) -> Report:
     """Ranges of frequencies and of the stiffness along each axis, and a sentence on both."""
     every, compliance = poses.table, np.diagonal(poses.compliance, axis1=-2, axis2=-1)
@@ -273,11 +276,17 @@ def _map_report(poses: PoseMap) -> Report:
 
 def _map_notes(poses: PoseMap) -> list[str]:
     """Notes on the words and the missing numbers of the table."""
+    passed = [
+        f"A singular pose lies between {'; '.join(poses.passed[:_SINGULAR])}"
+        f"{' ...' * (len(poses.passed) > _SINGULAR)}: there the motors do not hold the platform, "
+        "stiffness falls to nothing, and no motion passes it under control."
+    ] * bool(poses.passed)
     if not np.isfinite(poses.compliance).any():
-        return []
+        return passed
     notes = [
+        *passed,
         "K_xx (others held) is the force for a displacement along x with the other displacements "
-        "zero; 1/C_xx (others free) that with the platform free to give way in them."
+        "zero; 1/C_xx (others free) that with the platform free to give way in them.",
     ]
     if poses.rigid:
         notes.append(

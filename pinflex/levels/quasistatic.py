@@ -288,24 +288,33 @@ def _snapped(
 
 @public
 @takes_model
-def linear_statics(mechanism: Mechanism, q: Array | None = None) -> Equilibrium:
-    """One linear step about the undeformed pose: K d = -r0 with J d = 0, no preload stiffness.
+def linear_statics(
+    mechanism: Mechanism, q: Array | None = None, loaded: bool = False
+) -> Equilibrium:
+    """One linear step about the undeformed pose: K d = -r0 with J d = 0.
 
     Args:
         mechanism: Mechanism with its home pose.
         q: Rigid pose, shape (nq,), default home.
+        loaded: With the stiffness that weight and loads bring there, as level ked has it.
     """
     dynamics, system = Equations(mechanism.flexible), mechanism.flexible
     y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
     r0, _ = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)
     J, K = dynamics.close(y0).J, dynamics.structural_stiffness(y0)
+    base = np.zeros(len(J))
+    if loaded:
+        passive = mechanism.rigid.free
+        base = np.linalg.pinv(J[:, passive].T, rcond=1e-10) @ r0[passive]
+        K = dynamics.tangent(y0, still, still, base, 0.0).K
+    r0 = r0 - J.T @ base
     n, rows = len(free), len(J)
     S = saddle_matrix(K[np.ix_(free, free)], J[:, free])
     x = np.linalg.solve(S, np.concatenate([-r0[free], np.zeros(rows)]))
     dy = np.zeros(system.nv)
     dy[free] = x[:n]
     r = r0 + K @ dy - J.T @ x[n:]
-    return Equilibrium(dynamics.integrate(y0, dy), still, still, x[n:], r, 1)
+    return Equilibrium(dynamics.integrate(y0, dy), still, still, base + x[n:], r, 1)
 
 
 def solve_quasistatic(

@@ -93,15 +93,10 @@ def sharing(mechanism: Mechanism) -> str:
     )
     share = mechanism.description.share
     if isinstance(share, Tension):
-        elastic = (
-            " Only this level does: at all others motors stand where the motion has them, without "
-            "such a pretension, and struts may push; their forces differ from these. Cables that "
-            "are tight there are `springs` with `tension_only` and a `length` that stretches them."
-        )
+        elastic = f" {untensioned(mechanism)}" * mechanism.compliant
         return (
             f"{count}balance. Level rigid takes those that pull by {share.force:g} N or more at "
-            "every strut, and of them those with the least sum of torque^2 / stiffness."
-            f"{elastic * mechanism.compliant}"
+            f"every strut, and of them those with the least sum of torque^2 / stiffness.{elastic}"
         )
     return (
         f"{count}balance. Level rigid takes those with the least sum of torque^2 / stiffness, as "
@@ -109,11 +104,54 @@ def sharing(mechanism: Mechanism) -> str:
     )
 
 
+def untensioned(mechanism: Mechanism) -> str:
+    """What levels other than rigid leave out of `share: tension`; "" where nothing is asked."""
+    share = mechanism.description.share
+    if not isinstance(share, Tension):
+        return ""
+    return (
+        f"Level rigid alone keeps the tension of {share.force:g} N (share.tension): at all others "
+        "motors stand where the motion has them, struts may push or give way, and forces and "
+        "frequencies are those without it. Cables that are tight there are `springs` with "
+        "`tension_only` and a `length` shorter than their frames are apart."
+    )
+
+
 def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     """Inverse dynamics of the rigid mechanism along a motion: r(q, v, a) - J' lam = S' tau."""
     path, dynamics = prescribe(mechanism, motion, t), Equations(mechanism.rigid)
-    some = (path.at(at) for at in spans(len(t)))  # a long motion shall not fill the memory
-    return accept(mechanism, path, [correct(mechanism, *residual(dynamics, x)) for x in some])
+    parts, sides = list[tuple[Array, Array, Array | None]](), list[Array]()
+    for at in spans(len(t)):  # a long motion shall not fill the memory
+        J, r = residual(dynamics, path.at(at))
+        parts.append(correct(mechanism, J, r))
+        sides.append(side(mechanism, J))
+    run = accept(mechanism, path, parts)
+    return replace(run, warnings=(*run.warnings, *_let_go(t, np.concatenate(sides))))
+
+
+def side(mechanism: Mechanism, J: Array) -> Array:
+    """Sign of the determinant of the passive joints' closures, of J (n, rows, nv), shape (n,).
+
+    Where it changes a singular pose was passed, in which motors do not hold the mechanism; nan
+    where closures are not as many as passive joints.
+    """
+    square = J[:, :, mechanism.rigid.free]
+    if not 0 < square.shape[1] == square.shape[2]:
+        return np.full(len(J), np.nan)
+    return np.asarray(np.linalg.slogdet(square)[0])
+
+
+def _let_go(t: Array, sides: Array) -> list[str]:
+    """Where a motion of the platform passes poses in which the motors do not hold it."""
+    passed = np.flatnonzero(sides[1:] * sides[:-1] < 0.0)
+    if not len(passed):
+        return []
+    when = ", ".join(f"{t[k]:.4g} to {t[k + 1]:.4g} s" for k in passed[:_SOME])
+    return [
+        f"t = {when}{', ...' * (len(passed) > _SOME)}: passes a singular pose, in which the motors "
+        "do not hold the platform: torques grow without bound there, whatever the samples show. "
+        "Keep the path on one side of it."
+    ]
 
 
 def prescribe(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
@@ -163,6 +201,7 @@ def accept(
     return replace(run, settings={"share": {"multipliers [N]": told}})
 
 
+_SOME = 3  # singular poses that are named
 _INSTANTS = 401  # between which torques of a motion that is not smooth are interpolated
 
 

@@ -154,24 +154,31 @@ def brought(added: AddedMasses, rates: Mapping[int, Array], t: Array) -> Array:
     for k, clock in added.clocks.items():
         M, (v, a) = added.inertia[k], rates[added.joints[k]].swapaxes(0, 1)
         energy, rate = 0.5 * np.sum(v @ M * v, axis=1), np.sum(v @ M * a, axis=1)
-        shares = np.array([clock.scale(float(x)) for x in t])
-        for x in clock.corners:
-            after = int(np.searchsorted(t, x - _SAME * (t[-1] - t[0])))
+        found = np.searchsorted(t, np.array(clock.corners) - _SAME * (t[-1] - t[0]))
+        for x, after in zip(clock.corners, found.tolist(), strict=True):
             if 0 < after < len(t):
-                sign = shares[after] - shares[after - 1]
-                total[after:] += sign * _reached(t, energy, rate, x, after)
+                # in a step in which it comes and goes, each side tells of its own instant alone
+                sign, alone = (1.0, 0.0) if x == clock.start else (-1.0, 1.0)
+                share = alone if np.sum(found == after) > 1 else None
+                total[after:] += sign * _reached(t, energy, rate, x, after, share)
     return total
 
 
-def _reached(t: Array, values: Array, rates: Array, x: float, after: int) -> float:
-    """A value at a time x, whose rate jumps there: parabolas of the samples on either side."""
+def _reached(
+    t: Array, values: Array, rates: Array, x: float, after: int, share: float | None
+) -> float:
+    """A value at a time x, whose rate jumps there: parabolas of the samples on either side.
+
+    `share`: that of the later side; None: by its distance.
+    """
     found = []
     for near, far in ((after - 1, after - 2), (after, after + 1)):
         s, bend = x - t[near], 0.0
         if 0 <= far < len(t):
             bend = (rates[far] - rates[near]) / (t[far] - t[near])
         found.append(values[near] + s * rates[near] + 0.5 * s * s * bend)
-    share = (x - t[after - 1]) / (t[after] - t[after - 1])
+    if share is None:
+        share = (x - t[after - 1]) / (t[after] - t[after - 1])
     return float((1.0 - share) * found[0] + share * found[1])
 
 

@@ -159,6 +159,7 @@ class PoseMap:
             alone were wanted.
         errors: Why a pose has no numbers, "" where it has, shape G.
         preload: "gravity" or "none". free_motors: Whether frequencies are those with free motors.
+        side: Sign that changes at poses in which the motors do not hold the mechanism, shape G.
     """
 
     name: str
@@ -170,6 +171,19 @@ class PoseMap:
     errors: Any
     preload: str
     free_motors: bool
+    side: Any = np.nan
+
+    @property
+    def passed(self) -> tuple[str, ...]:
+        """Neighbours in the grid between which a singular pose lies: the motors let go there."""
+        found: list[str] = []
+        for k, (name, values) in enumerate(self.grid.items() if np.ndim(self.side) else ()):
+            sides = np.moveaxis(self.side, k, 0)
+            flips = (sides[1:] * sides[:-1] < 0.0).reshape(len(values) - 1, -1).any(axis=1)
+            found += [
+                f"{name} = {values[i]:.4g} and {values[i + 1]:.4g}" for i in np.flatnonzero(flips)
+            ]
+        return tuple(found)
 
     @property
     def table(self) -> Columns:

@@ -32,6 +32,7 @@ from pinflex.integrators.collocation import AlphaScheme, Collocation
 from pinflex.integrators.problem import Run
 from pinflex.kernel.library import warn_if_missing
 from pinflex.levels.modes import default_motion as default_motion
+from pinflex.levels.rigid import untensioned
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.compiled import require_samples
 from pinflex.mechanics.evaluation.equations import Equations
@@ -370,6 +371,9 @@ def result_from(
 ) -> Result:
     """The result of a run."""
     run = replace(run, settings={**run.settings, "drive": spec.drive})
+    lacks = untensioned(mechanism)
+    if lacks and (spec.level != "rigid" or spec.drive == "torque"):
+        run = replace(run, warnings=(lacks, *run.warnings))
     cost = {**run.cost, "seconds": time.perf_counter() - began}
     rigid_path = partial(rigid_reference, mechanism, motion, run)
     return result_of(mechanism, run, rigid_path, spec.level, cost, stopped)

@@ -19,6 +19,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, SingularityError
 from pinflex.levels.modes import first_modes, modes
+from pinflex.levels.rigid import side
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.tree import sliding
@@ -98,7 +99,11 @@ def pose_map(
         raise ConvergenceError(f"{mechanism.name}: not one pose has an answer: {first.error}")
     units = _units(mechanism, axes) if along is None else {"t": "s"}
     tables = _gathered(mechanism, shape, found, count, None if along is None else (0,))
-    return PoseMap(mechanism.name, axes, units, *tables, preload, free_motors)
+    # a journal of an older version, or a failed pose, has none
+    sides = np.array([(x.found or {}).get("side", [np.nan])[0] for x in found.values()], float)
+    return PoseMap(
+        mechanism.name, axes, units, *tables, preload, free_motors, sides.reshape(shape)
+    )  # fmt: skip
 
 
 def _grid(mechanism: Mechanism, grid: Mapping[str, object]) -> tuple[dict[str, Array], list[Case]]:
@@ -146,6 +151,7 @@ def _at(
     every = modes(mechanism, q, count=mechanism.flexible.nv, **settings)
     first = first_modes(every, count, zeros=True)
     found = {"y": first.y, "frequencies": first.frequencies, "shapes": first.shapes}
+    found["side"] = side(mechanism, Equations(mechanism.rigid).close(q).J[None])
     if stiffness and mechanism.description.platform is not None:
         with suppress(SingularityError):  # what is free to move has frequencies all the same
             found["compliance"] = platform_compliance(mechanism, q, preload=settings["preload"])

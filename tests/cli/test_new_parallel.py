@@ -75,13 +75,18 @@ def test_a_linkage_of_bennett_is_proposed_with_hinges(tmp_path: Path) -> None:
     end = np.linalg.inv(end)
     rows.append(("f3", "fixed", "link_3", "end", place, turn, "z"))
     rows.append(("f0", "fixed", "base", "seat", end[:3, 3], end[:3, :3], "z"))
-    _, robot = proposed(drawn(tmp_path, rows, "^link"))
+    path = drawn(tmp_path, rows, "^link")
+    (said,) = pf.check(pf.load(path)).warnings  # of the bare file
+    assert "seat_end: {axis: z, between: [seat, end], kind: revolute}" in said
+    _, robot = proposed(path)
     (loop,) = robot.description.loops
     assert (loop.kind, loop.axis, robot.report.mobility) == ("revolute", (0, 0, 1), 1)
     run = pf.solve(robot, pf.cycloid(joints={"j1": 1.5}, duration=1.0), level="rigid", samples=21)
     first, other = (run.joint(name).angle for name in ("j1", "j2"))
     product = np.tan((0.9 + first) / 2) * np.tan((second + other) / 2)
     np.testing.assert_allclose(product, constant, rtol=1e-8)  # loops are closed to 1e-10
+    moved = np.ptp(run.frame("platform").position, axis=0)
+    assert np.linalg.norm(moved) > 0.1 * a  # the frame at the fourth hinge only turns
 
 
 def test_the_platform_is_no_rod_that_spins(tmp_path: Path) -> None:

@@ -91,3 +91,15 @@ def test_check_says_that_only_level_rigid_knows_the_tension(
     assert found.statics.holding_linear is not None
     np.testing.assert_allclose(found.statics.holding_linear, least, rtol=1e-4)  # of light struts
     assert any("struts may push" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize("level", ["rigid", "quasistatic", "coupled"])
+def test_each_run_says_who_knows_the_tension(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, level: str
+) -> None:
+    """At rest: rigid pulls by 20 N or more, elastic levels by what the weight alone makes."""
+    robot = cables(tmp_path, monkeypatch, f"share: {{tension: {PULL}}}")
+    run = pf.solve(robot, MOVE, level=level, until=0.02, start="straight", samples=2)
+    assert (np.min(-run.torque[0]) >= PULL * (1 - 1e-9)) == (level == "rigid")
+    said = [text for text in run.meta["warnings"] if "Level rigid alone keeps the tension" in text]
+    assert len(said) == 1 and "`tension_only`" in said[0]

@@ -11,6 +11,9 @@ Claims:
       closed form | 1e-5 | passes (-21 % at 5, "buckled" at 15 before)
     - own weight q L^3/EI = -5, 5, 7; buckling at 7.83734744 | printed | 1e-6 | 7e-10, 3e-8, 2e-7;
       6e-10
+    - linear sag with the stiffness of what pulls, and what check says of it: a side force on a tip
+      under P = 14; a load on a soft hinge at the tip | tie-beam column; straight below the tip |
+      1e-4; 1e-3 | 1e-5; 7e-5
 """
 
 from __future__ import annotations
@@ -145,3 +148,40 @@ def test_becks_column_flutters_and_does_not_buckle(tmp_path: Path) -> None:
     assert not rest(below.mechanism).unstable and not rest(above.mechanism).unstable
     assert "flutter" in check(above.mechanism).frequency_note
     assert "flutter" not in check(below.mechanism).frequency_note
+
+
+@pytest.mark.parametrize("hangs", [False, True], ids=["tie", "hook"])
+def test_what_weight_stiffens_is_said_beside_linear_sag(hangs: bool, tmp_path: Path) -> None:
+    """A tip under pull N and side force H: w = H/N (L - tanh(k L)/k), k^2 = N/EI; a load on a
+    soft hinge stays below the tip. Linear statics have a third of H, and turn it with the tip.
+    """
+    pull, side, g, mass = 14.0, 1e-4, 1e-4, 5.0
+    bodies = list(BEAM)
+    head = f"forces: {{pull: {{at: tip, force: [{pull}, {side}, 0]}}}}\nplatform: tip\n"
+    k, exact = np.sqrt(pull), np.array([0.0, -g * (mass / 3 + 1 / 8), 0.0])
+    if hangs:
+        bodies += [
+            Body("load", "tip", "revolute", axis=(0, 0, 1), mass=mass, com=(0, -0.5, 0)),
+            Body("hook", "load", xyz=(0, -0.5, 0)),
+        ]
+        head = "platform: hook\njoints: {load_joint: {spring: 1e-8}}\n"
+    else:
+        exact[1] = side / pull * (1 - np.tanh(k) / k)
+    yaml = scene("{kind: craig_bampton, internal: 8}", head=head)
+    if hangs:
+        yaml = yaml.replace("gravity: [0, 0, 0]", f"gravity: [0, {-g}, 0]")
+    found = check(load(tmp_path, bodies, yaml))
+    sag = found.statics
+    assert sag.loaded is not None and sag.linear is not None
+    scale = abs(exact[1])
+    # the stiffness is of home: the hook swings by the spring's 1e-8 / m g l of the tip's turn
+    np.testing.assert_allclose(sag.loaded.position, exact, rtol=1e-4, atol=1e-3 * scale)
+    assert np.abs(sag.linear.position - exact).max() > 0.2 * scale
+    (said,) = [text for text in found.warnings if "linear statics" in text]
+    assert "levels ked and coupled have it" in said
+
+
+def test_large_sag_is_not_laid_on_weight(tmp_path: Path) -> None:
+    yaml = scene(head="platform: tip\n").replace("gravity: [0, 0, 0]", "gravity: [0, -6, 0]")
+    (said,) = [x for x in check(load(tmp_path, BEAM, yaml)).warnings if "linear statics" in x]
+    assert "ked is off as well" in said

@@ -11,6 +11,8 @@ Claims:
       its run by tol | second order in steps | ratios 4.0
     - the same for a delta with locked motors | its run without the payload from the same state |
       1e-7 | passes
+    - energy that it brings and takes between two samples | 1/2 m (v1^2 - v2^2) and weight, closed
+      form | 1e-3 | passes (none before)
     - energy that it brings to or takes from a turning arm | m r^2 w^2 / 2 | 1e-9 | passes
 """
 
@@ -133,6 +135,26 @@ def test_a_mass_that_goes_leaves_the_closed_form(
         assert errors[0] < 4e-4 and errors[0] > 3.5 * errors[1], (level, errors)
     if kernel == "1":  # level ked off polynomials, as it goes in many steps
         assert off(pf.solve(robot, level="ked", dt=5e-5)) < 1e-6
+
+
+@pytest.mark.parametrize("level", ["ked", "coupled"])
+def test_a_mass_between_two_samples_brings_and_takes_energy(level: str, tmp_path: Path) -> None:
+    """Caught and let go of between samples: 1/2 m (v1^2 - v2^2), of the closed form."""
+    first, last = 0.111, 0.119
+    robot = hung(tmp_path, f"from: {first}, until: {last}", "straight")
+    run = pf.solve(robot, level=level, dt=1e-4)
+    assert not np.any((run.t > first) & (run.t < last))
+    moved = [(first, MASS + LOAD), (last, MASS)]
+    near = np.array([first - 1e-6, first + 1e-6, last - 1e-6, last + 1e-6])
+    z = closed_form(near, moved, (0.0, MASS))
+    v1, v2 = (z[1] - z[0]) / 2e-6, (z[3] - z[2]) / 2e-6
+    held = closed_form(np.array([first, last]), moved, (0.0, MASS))
+    brought = LOAD / 2 * (v1**2 - v2**2) - LOAD * G * (held[1] - held[0])
+    got = run.array("energy/loads")
+    size = LOAD / 2 * v1**2
+    # parabolas of the samples to (w h)^3 / 6; nothing of it was seen before
+    assert abs(got[-1] - got[0] - brought) < 1e-3 * size and abs(brought) > 1e-2 * size
+    assert run.meta["energy_balance"] < 1e-4
 
 
 JUMP = "motion={kind: trapezoid, joints: {block_joint: 0.3}, duration: 0.6, ramp: 0.3}"

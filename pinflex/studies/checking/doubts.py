@@ -25,6 +25,7 @@ from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
 from pinflex.mechanics.model.tree import Link, poses_of, sliding
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
+from pinflex.studies.scenes.proposals import cut_open
 from pinflex.text import percent, plural
 
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
@@ -175,6 +176,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
     description = mechanism.description
     return (
         *_freedom_warnings(mechanism),
+        *_cut_open(mechanism),
         *_loose_at_home(mechanism),
         *_loose_pins(mechanism),
         *_off_axis(mechanism),
@@ -296,8 +298,11 @@ def _without_load(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
 
 def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
     """The platform sags far, or so far that linear statics are off."""
-    sags = [rest.linear, rest.full]
-    far = [float(np.linalg.norm(sag.position)) for sag in sags if sag is not None]
+    linear, full, loaded = (
+        None if sag is None else np.array(sag.position)
+        for sag in (rest.linear, rest.full, rest.loaded)
+    )
+    far = [float(np.linalg.norm(sag)) for sag in (linear, full) if sag is not None]
     longest = max((link.length for link in links), default=0.0)
     found = []
     if far and links and max(far) > SAG_FAR * longest:  # of elastic joints alone: not judged
@@ -306,13 +311,35 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
             f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
             "that is too soft."
         )
-    seen = len(far) == 2 and max(far) > SAG_NONE * longest
-    if seen and abs(far[0] - far[1]) > SAG_APART * max(far):
+    if linear is None or full is None or max(far) <= SAG_NONE * longest:
+        return found
+    apart, less = (
+        np.inf if sag is None else float(np.linalg.norm(sag - full)) for sag in (linear, loaded)
+    )
+    if apart > SAG_APART * max(far):
+        why = "deflections are not small, so level ked is off as well. Trust coupled."
+        if less <= SAG_APART * max(far):
+            why = (
+                "weight and loads bring stiffness (they pull links straight, or hold what hangs "
+                "upright), which linear statics lack; levels ked and coupled have it."
+            )
         found.append(
-            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m: "
-            "deflections are not small, so level ked is off as well. Trust coupled."
+            f"linear statics give a sag of {far[0]:.3g} m, the full equilibrium {far[1]:.3g} m, "
+            f"{apart:.3g} m apart: {why}"
         )
     return found
+
+
+def _cut_open(mechanism: Mechanism) -> list[str]:
+    """What to write where ends that nothing holds coincide at home."""
+    loops = cut_open(mechanism)
+    if not loops:
+        return []
+    return [
+        "open ends coincide at home, as where a loop is cut open: each branch moves by itself. If "
+        f"they meet in joints, write `{loops}`, and their motors under `actuated`; `pinflex new` "
+        "proposes both."
+    ]
 
 
 def _loose_at_home(mechanism: Mechanism) -> list[str]:

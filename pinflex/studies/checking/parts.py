@@ -180,13 +180,14 @@ class Statics:
 
     Attributes:
         linear, full: Sag of the platform in linear statics about the undeformed pose, and in the
-            full equilibrium.
+            full equilibrium. loaded: Linear with the stiffness of weight and loads, as level ked.
         holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
         linear_reason, full_reason: Why there is none, "" when there is.
     """
 
     linear: Sag | None = None
     full: Sag | None = None
+    loaded: Sag | None = None
     holding_rigid: tuple[float, ...] | None = None
     holding_linear: tuple[float, ...] | None = None
     holding_full: tuple[float, ...] | None = None
@@ -204,15 +205,16 @@ def statics(mechanism: Mechanism) -> Statics:
     rigid = _torques(rigid_holding(mechanism)[0])
     if not mechanism.compliant and not held:
         why = "no flexible link and no elastic joint"
-        return Statics(None, None, rigid, None, None, why, why)
+        return Statics(holding_rigid=rigid, linear_reason=why, full_reason=why)
     if not acted_on(system, mechanism.undeformed()):
         why = "nothing acts on it at rest"
-        return Statics(None, None, rigid, None, None, why, why)
-    linear, linear_reason = None, "what hangs loose has no stiffness but its weight"
+        return Statics(holding_rigid=rigid, linear_reason=why, full_reason=why)
+    linear, loaded, linear_reason = None, None, "what hangs loose has no stiffness but its weight"
     if held:
         linear_reason = "what springs between frames hold is not linearised"
     if not swings:
         linear, linear_reason = _try(lambda: linear_statics(mechanism))
+        loaded, _ = _try(lambda: linear_statics(mechanism, loaded=True))
     full, full_reason = _try(lambda: rest(mechanism))
     if full is not None and full.unstable:
         full, full_reason = None, unstable_text("static equilibrium")
@@ -220,6 +222,7 @@ def statics(mechanism: Mechanism) -> Statics:
     return Statics(
         linear=_sag(mechanism, dynamics, linear, True),
         full=_sag(mechanism, dynamics, full, False),
+        loaded=_sag(mechanism, dynamics, loaded, True),
         holding_rigid=rigid,
         holding_linear=_holding(mechanism, linear),
         holding_full=_holding(mechanism, full),

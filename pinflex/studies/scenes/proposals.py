@@ -21,11 +21,15 @@ from pinflex.description.files import Source, SourceJoint
 from pinflex.description.reading import yaml_text
 from pinflex.description.robots.urdf import Limits, limits
 from pinflex.errors import DescriptionError, PinflexError
+from pinflex.linalg import null_space
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.tree import Link
 
 _NEAR = 1e-4  # [m] frames that coincide, but for the decimals of a file
-_MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already
+_MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already; a frame
+# that moves by less for one radian or metre of a freedom stands still
 _LOOKS = 3  # poses at which that is looked at
 _WORDS = (  # the end of a robot, surest name first
     re.compile(r"platform|(^|_)plate|tool|effector|tcp|flange", re.I),
@@ -95,13 +99,15 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     """A link whose name sounds like the end of a robot, an end of a loop, or the outermost link.
 
     Fingers and sensors come last, whatever hangs furthest out, and so do rods that spin: no motor
-    says how they are turned.
+    says how they are turned; and frames on the axis about which a closed loop turns their link.
     """
     links, ends = mechanism.links, [end for loop in closing.loops for end in (loop.a, loop.b)]
     spins = {spin.frame_b for spin in closing.closed.idle.spins} if closing.closed else set()
     rods = {_body(k, links) for k in range(len(links)) if links[k].name in spins}
     depth = _depths(links)
     moving = [k for k in range(len(links)) if depth[k][0]] or [0]
+    still = _fixed_frames(closing.closed or mechanism)
+    moving = [k for k in moving if links[k].name not in still] or moving
     plain = [k for k in moving if not _aside(k, links) and _body(k, links) not in rods] or moving
     named: list[int] = next(
         (found for word in _WORDS if (found := [k for k in plain if word.search(links[k].name)])),
@@ -111,6 +117,17 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     heavy = [k for k in plain if links[k].weighs]
     best = named or [k for k in tied if links[k].weighs] or tied or heavy or plain
     return links[max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))].name
+
+
+def _fixed_frames(mechanism: Mechanism) -> set[str]:
+    """Frames whose origins no motion that the loops leave can move from home."""
+    look, home = Equations(mechanism.rigid), mechanism.home
+    Z, frames = null_space(look.close(home).J), look.system.expansion.frames
+    return {
+        name
+        for name, frame in frames.items()
+        if np.max(np.abs(frame_jacobian(look, home, frame)[:3] @ Z), initial=0.0) < _MOVES
+    }
 
 
 def _depths(links: Sequence[Link]) -> list[tuple[int, int]]:
@@ -229,20 +246,10 @@ def single(tree: Source) -> list[SourceJoint]:
 def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     """Open ends of different branches that coincide; else the nearest, where joints are passive."""
     model, links = mechanism.rigid.rigid, mechanism.links
-    ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
-    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
-    poses = _poses(mechanism)
-    spots = [{k: data.oMf[frames[k]].translation.copy() for k in ends} for data in poses]
-    free: dict[tuple[int, int], float] = {}
-    for n, a in enumerate(ends):
-        for b in ends[n + 1 :]:
-            apart = [float(np.linalg.norm(spot[a] - spot[b])) for spot in spots]
-            weighs = links[a].weighs and links[b].weighs
-            if not weighs and np.ptp(apart) > _MOVES:
-                free[a, b] = apart[0]
-    together = [(pair, d) for pair, d in free.items() if d < _NEAR]
-    if together:
-        return [Loop(links[a].name, links[b].name, d) for (a, b), d in together]
+    free = _open_ends(mechanism)
+    if found := _coinciding(mechanism, free):
+        return found
+    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for pair in free for k in pair}
     branches = {
         pair: d
         for pair, d in free.items()
@@ -253,15 +260,48 @@ def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
     return _nearest(links, branches)
 
 
+def cut_open(mechanism: Mechanism) -> str:
+    """The block `loops` for open ends that coincide at home, as a line of YAML; "" for none."""
+    found: Sequence[Loop] = _coinciding(mechanism, _open_ends(mechanism))
+    if found and not mechanism.description.loops:  # of the kind that leaves motors their freedom
+        found = closing(mechanism, mechanism.description.tree()).loops
+    return _plain({"loops": {loop.name: loop.block for loop in found}}) if found else ""
+
+
+def _coinciding(mechanism: Mechanism, free: Mapping[tuple[int, int], float]) -> list[Loop]:
+    names = [link.name for link in mechanism.links]
+    return [Loop(names[a], names[b], d) for (a, b), d in free.items() if d < _NEAR]
+
+
+def _open_ends(mechanism: Mechanism) -> dict[tuple[int, int], float]:
+    """Pairs of open ends that may move apart, by numbers of links; their distance at home [m]."""
+    model, links = mechanism.rigid.rigid, mechanism.links
+    ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
+    frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
+    spots = [
+        {k: data.oMf[frames[k]].translation.copy() for k in ends} for data in _poses(mechanism)
+    ]
+    free: dict[tuple[int, int], float] = {}
+    for a, b in itertools.combinations(ends, 2):
+        apart = [float(np.linalg.norm(spot[a] - spot[b])) for spot in spots]
+        weighs = links[a].weighs and links[b].weighs
+        if not weighs and np.ptp(apart) > _MOVES:
+            free[a, b] = apart[0]
+    return free
+
+
 def _open_end(number: int, mechanism: Mechanism) -> bool:
-    """Whether a link carries nothing and closes no loop: one fixed to another, or half a joint."""
+    """Whether a link carries nothing, closes no loop and bears no load or spring.
+
+    One fixed to another, or half a joint.
+    """
     links = mechanism.links
     link = links[number]
     return (
         link.parent >= 0
         and not (link.steps and link.weighs)
         and all(other.parent != number for other in links)
-        and link.name not in mechanism.description.tied
+        and link.name not in {*mechanism.description.tied, *mechanism.description.loaded}
         and mechanism.rigid.rigid.existFrame(link.name, pin.FrameType.BODY)
     )
 
@@ -312,21 +352,21 @@ def _kinds(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]
     return list(dict.fromkeys([*pin_about, *hinges, ("spherical", ""), ("weld", "")]))
 
 
-def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, int, int]:
-    """The model, its joints and frames at home, and the numbers of both ends."""
+def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, Array, int, int]:
+    """The model, its frames and turns (3, nv) at home, and the numbers of both ends."""
     model = mechanism.rigid.rigid
     data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.home)
+    J = pin.computeJointJacobians(model, data, mechanism.home).reshape(6, model.nv)[3:]
     pin.updateFramePlacements(model, data)
     a, b = (model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b))
-    return model, data, a, b
+    return model, data, J, a, b
 
 
 def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
     """Axes of both frames that are one at home: first as the joint that carries the first turns."""
-    model, data, a, b = _at_home(mechanism, pair)
+    model, data, J, a, b = _at_home(mechanism, pair)
     bears = model.frames[a].parentJoint or model.frames[b].parentJoint
-    turns = data.oMi[bears].rotation.T @ data.J[3:, model.idx_vs[bears]]
+    turns = data.oMi[bears].rotation.T @ J[:, model.idx_vs[bears]]
     apart = np.linalg.norm(data.oMf[a].rotation - data.oMf[b].rotation, axis=0)
     found = [axis for axis in "zxy" if apart["xyz".index(axis)] < _NEAR]
     return sorted(found, key=lambda axis: -round(abs(turns["xyz".index(axis)])))
@@ -334,10 +374,10 @@ def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
 
 def _axis(mechanism: Mechanism, pair: Loop) -> str:
     """x, y or z of frame a, the axis of all turning joints of both branches; "" if of not all."""
-    model, data, *frames = _at_home(mechanism, pair)
+    model, data, J, *frames = _at_home(mechanism, pair)
     joints = {j for f in frames for j in model.supports[model.frames[f].parentJoint] if j}
     columns = [c for j in joints for c in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
-    turns: Array = data.J[3:, columns]
+    turns = J[:, columns]
     turns = turns[:, np.linalg.norm(turns, axis=0) > _NEAR]
     local = data.oMf[frames[0]].rotation.T @ turns
     along = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) > _NEAR)

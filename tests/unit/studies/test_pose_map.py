@@ -6,6 +6,8 @@ Claims:
       letters | - | exact | passes
     - followed modes of two arms that share nothing depend on their own angle alone, over 36 poses
       with crossings | independence | 1e-9 | 0 (sorted ones: 0.08)
+    - a 3-RRR turned until its three distal links point at the platform's centre: map and rigid run
+      name the two poses, the two instants about it | geometry | exact | passes
     - a map has the frequencies and compliance of each pose alone | `modes` | 1e-9 | passes
 """
 
@@ -218,3 +220,20 @@ def test_the_figure_names_the_lowest_frequency() -> None:
     found = along(pf.load("3rrs"), count=3, instants=5, preload="none")
     texts = [t.get_text() for t in plot_map(found).axes[0].texts]
     assert f"lowest {found.frequencies.min():.4g} Hz at 1 s" in texts
+
+
+def test_a_singular_pose_between_two_is_told() -> None:
+    """Forces along three links through one point turn nothing (Hunt 1978, ch. 10)."""
+    robot, turn = pf.load("3rrr"), pf.quintic(platform={"x": 0, "y": 0, "rz": -1.0}, duration=1.0)
+    run = pf.solve(robot, turn, level="rigid", until=1.0, samples=101)
+    knee, pin = (run.array(f"body/{name}/pose")[:, :, 3] for name in ("elbow_1", "platform_c1"))
+    # of the link's line about the centre
+    arm = np.cross(pin - knee, run.frame("platform").position - knee)[:, 2]
+    (k,) = np.flatnonzero(arm[1:] * arm[:-1] < 0.0)
+    (said,) = [text for text in run.meta["warnings"] if "singular pose" in text]
+    assert f"t = {run.t[k]:.4g} to {run.t[k + 1]:.4g} s" in said
+    R = run.frame("platform").rotation
+    rz = np.arctan2(R[k : k + 2, 1, 0], R[k : k + 2, 0, 0])
+    found = pose_map(robot, {"rz": [rz[1] - 0.1, rz[1], rz[0], rz[0] + 0.1]}, count=1)
+    assert found.passed == (f"rz = {rz[1]:.4g} and {rz[0]:.4g}",)
+    assert pose_map(robot, {"x": [-0.05, 0.0, 0.05]}, count=1).passed == ()
