@@ -13,7 +13,6 @@
 #include <stddef.h>
 
 static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
-static const double CHANCE = 0.02; /* least rate that is believed of corrections which began near round-off */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 /* A tangent is replaced before the next step from a rate of contraction LATE on; or, where what a step
    costs is bounded, behind the next ones, which get on with the old one until then: from as many
@@ -148,14 +147,16 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
     rate = m->rate * fmax(1.0, ratio / m->usual);
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
-    m->usual = m->second;
-    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing.
-       What has shrunk a hundredfold is none, but for a chance, which shall not promise too much. */
-    if (m->began > RESTING * m->noise || m->tolerance * m->reference > m->noise) m->rate = rate;
-    else if (m->began > RESTING * size) m->rate = fmax(rate, CHANCE);
+    m->usual = fmax(m->second, 1e-6);
+    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing;
+       round-off does not shrink a hundredfold. */
+    if (m->began > RESTING * fmin(m->noise, size) || m->tolerance * m->reference > m->noise)
+      m->rate = rate;
   }
-  *stuck = iteration >= 3 && size > 0.5 * m->previous;
-  m->previous = size;
+  /* Forces that move little answer displacements, and these those: corrections may shrink only every
+     other time. */
+  *stuck = iteration >= 3 && size > 0.5 * fmax(m->previous, m->before);
+  m->before = m->previous, m->previous = size;
   return rate < 0.9 ? size * rate / (1.0 - rate) : INFINITY;
 }
 
@@ -229,7 +230,7 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
     Int slow = exact || (i > patient && m->rate > 0.3 && (!fresh || i > 4));
     if (slow && (!m->allowed || taken < m->allowed)) {
       if (!refresh(t, memory, m, to->scale, exact)) return lost(t, m);
-      fresh += !fresh, taken++;
+      fresh += !fresh, taken++, m->second = 0.0; /* what it will usually be is not known */
     }
   }
   return is_near(t, m) ? 0 : lost(t, m);

@@ -38,7 +38,7 @@ typedef struct {
   double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */
   double tolerance, farthest;          /* m or rad that an elastic coordinate may go */
   double reference, peak;              /* accelerations: of the time, and the largest */
-  double noise, rate, began, previous, second, usual;
+  double noise, rate, began, before, previous, second, usual;
 } Alpha;
 
 /* What is prescribed at the steps to come, and where they are recorded, row by row. */
