@@ -62,7 +62,7 @@ class Simulator:
         integrator: Such as pf.newmark(); default: pf.generalized_alpha() with the YAML's rho_inf.
         iterations: Of Newton's method in a step, at the most.
         tangents: New ones in a step, at the most; most are then made ahead of need, evaluated
-            behind one step and factored behind the next. None: as many as it takes, as `pf.solve`.
+            behind two steps and factored behind the next. None: as many as it takes, as `pf.solve`.
         every: Steps between two tangents, at the most; None: one as soon as iterations are slow.
         stops: Whether a motor that would pass a position limit of the URDF ends the step.
         sensors: By name, see `pf.Encoder`, `pf.StrainGauge` and `pf.Imu`.

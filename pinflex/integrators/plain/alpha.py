@@ -107,7 +107,7 @@ class PlainAlpha:
         """
         free, (mass, by_v, by_y) = self.problem.free, self.weights
         a, s, v, move, lam = self.predict(k, now, last)
-        ds, size, rate, close = np.zeros_like(a), np.inf, 0.0, False
+        ds, size, before, rate, close = np.zeros_like(a), np.inf, np.inf, 0.0, False
         for _ in range(MAX_ITERATIONS + 1):
             y = self.dynamics.integrate(now.y, move)
             self.prescribe(k, y)
@@ -119,13 +119,15 @@ class PlainAlpha:
                 self._S = self._squared(*self.matrix(k, y, v, a, lam))
             ds[free], dlam = self.correct(r, c)
             s, v, a, move = s + ds, v + by_v * ds, a + mass * ds, move + by_y * ds
-            lam, before, size = lam + dlam, size, self._size(ds)
+            lam, earlier, before, size = lam + dlam, before, size, self._size(ds)
             self.iterations += 1
             if not isfinite(size):
                 break
             rate = size / before
             close = size <= max(self.tolerance * self._size(a), self._noise)
-            close |= rate > _STALLED and size <= _NOISE * self._noise
+            # Displacements answer forces, and these those: corrections may shrink every other time.
+            stalled = size > _STALLED * max(before, earlier)
+            close |= stalled and size <= _NOISE * self._noise
         raise NoConvergence(r[free] if near else np.full(len(free), np.nan))
 
     def prescribe(self, k: int, y: Array) -> None:

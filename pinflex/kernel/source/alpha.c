@@ -5,7 +5,7 @@
 
    What fails so is tried from the last acceleration, with the exact tangent in every iteration; but
    not where a step may take so many tangents only: what it costs at the most is known then, and
-   new tangents are made ahead of need, a part of one behind each of two steps.
+   new tangents are made ahead of need, a part of one behind each of three steps.
    pinflex/integrators/plain/alpha.py has the same steps, plainly, and the states they begin from. */
 #include "alpha.h"
 #include "lu.h"
@@ -13,14 +13,14 @@
 #include <stddef.h>
 
 static const double RESTING = 100.0; /* first correction over noise: up to 25 at rest, 450 in motion */
-static const double CHANCE = 0.02; /* least rate that is believed of corrections which began near round-off */
 static const double STUCK = 1e-8; /* of the inertia forces, where nothing moves any more */
 /* A tangent is replaced before the next step from a rate of contraction LATE on; or, where what a step
    costs is bounded, behind the next ones, which get on with the old one until then: from as many
-   iterations as LONG, or more than it took before, where a new one would do better than SOON. Steps of
-   delta, ur5, 3rrr and hexapod then take 2.3 to 3.3 iterations and 6 at the most. */
+   iterations as LONG, or once steps have taken WORTH more than at first, where a new one would do better
+   than SOON (it costs as much as ten). Steps of delta, ur5, 3rrr and hexapod at 1 kHz then take 3.1 to 3.6
+   iterations and 6 at the most. */
 static const double LATE = 0.1, SOON = 0.01;
-enum { LONG = 4 };
+enum { LONG = 4, WORTH = 3 };
 
 /* sqrt(a' W a) of free rows of `a`, W the diagonal of the iteration matrix. */
 static double size_of(const Alpha *m, const double *a, const Int *at) {
@@ -39,12 +39,13 @@ static double largest(const double *x, Int n) {
   return most;
 }
 
-/* M, C, K and J of a state; `exact`: with the rates of second-order rows. */
-static void evaluate(const Tables *t, char *memory, Alpha *m, const State *x, const double *scale,
-                     Int exact) {
+/* M, C, K and J of a state, or a part of them; `exact`: with the rates of second-order rows. */
+static void evaluate(const Tables *t, char *memory, Alpha *m, Int part, const State *x,
+                     const double *scale, Int exact) {
   Int square = t->nv * t->nv;
   double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square;
-  pinflex_tangent(t, memory, exact, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
+  tangent_part(t, memory, part, exact, x->y, x->v, x->a, x->lam, scale, M, C, K, J);
+  if (part == FORMER) return;
   pull_tangent(t, m->joints, C, K);
   if (m->law) feed_back_tangent(t, m->law, C, K);
 }
@@ -71,7 +72,7 @@ static int assemble(const Tables *t, Alpha *m) {
   }
   /* Positions are known to 1e-15 (m, rad); as accelerations that is this much noise. */
   m->noise = 1e-15 / m->by_y * sqrt(sum);
-  m->refreshed++, m->age = 0, m->ready = 0, m->fewest = -1, m->rate = 0.1, m->usual = INFINITY;
+  m->refreshed++, m->age = 0, m->ready = 0, m->fewest = -1, m->wasted = 0, m->rate = 0.1, m->usual = INFINITY;
   m->band = narrow_order(m->lu, size, m->order, m->order + size);
   if (is_narrow(size, m->band))
     return narrow_factors(m->lu, size, m->order, m->band, m->narrow, m->pivot);
@@ -80,7 +81,7 @@ static int assemble(const Tables *t, Alpha *m) {
 
 /* A new tangent at the next state. */
 static int refresh(const Tables *t, char *memory, Alpha *m, const double *scale, Int exact) {
-  evaluate(t, memory, m, &m->next, scale, exact);
+  evaluate(t, memory, m, WHOLE, &m->next, scale, exact);
   return assemble(t, m);
 }
 
@@ -140,7 +141,7 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
   /* The first correction is the predictor's error, the second what it bent the equations by; only
      from then on do ratios show how the iteration contracts. Where a step ends before that, the
      rate of an earlier one holds as long as its second correction was like this one. */
-  double rate = 0.5, ratio = size / fmax(m->previous, 1e-300);
+  double rate = 0.5, ratio = m->ratio = size / fmax(m->previous, 1e-300);
   if (iteration == 0) m->began = size;
   if (iteration == 1) {
     m->second = ratio;
@@ -148,14 +149,16 @@ static double left(Alpha *m, Int iteration, double size, int *stuck) {
     rate = m->rate * fmax(1.0, ratio / m->usual);
   } else if (iteration > 1) {
     rate = fmax(ratio, 1e-3);
-    m->usual = m->second;
-    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing.
-       What has shrunk a hundredfold is none, but for a chance, which shall not promise too much. */
-    if (m->began > RESTING * m->noise || m->tolerance * m->reference > m->noise) m->rate = rate;
-    else if (m->began > RESTING * size) m->rate = fmax(rate, CHANCE);
+    m->usual = fmax(m->second, 1e-6);
+    /* At rest the goal lies below round-off: corrections are no more than that, and tell nothing;
+       round-off does not shrink a hundredfold. */
+    if (m->began > RESTING * fmin(m->noise, size) || m->tolerance * m->reference > m->noise)
+      m->rate = rate;
   }
-  *stuck = iteration >= 3 && size > 0.5 * m->previous;
-  m->previous = size;
+  /* Forces that move little answer displacements, and these those: corrections may shrink only every
+     other time. */
+  *stuck = iteration >= 3 && size > 0.5 * fmax(m->previous, m->before);
+  m->before = m->previous, m->previous = size;
   return rate < 0.9 ? size * rate / (1.0 - rate) : INFINITY;
 }
 
@@ -196,9 +199,9 @@ static int lost(const Tables *t, Alpha *m) {
 
 /* Whether a new tangent pays after a step of i + 1 iterations with an old one. */
 static Int pays(Alpha *m, Int i) {
-  Int slower = m->fewest >= 0 && i > m->fewest;
-  if (!slower) m->fewest = i;
-  return m->rate > SOON && (slower || i >= LONG);
+  if (m->fewest < 0 || i < m->fewest) m->fewest = i;
+  m->wasted += i - m->fewest;
+  return m->rate > SOON && (m->wasted >= WORTH || i >= LONG);
 }
 
 /* The next state; 0 where Newton does not get there. */
@@ -226,10 +229,10 @@ static int reach_next(const Tables *t, char *memory, Alpha *m, const Rows *to, I
     }
     fresh += fresh > 0;
     Int patient = m->allowed ? LONG : 1; /* a new one may be on its way */
-    Int slow = exact || (i > patient && m->rate > 0.3 && (!fresh || i > 4));
+    Int slow = exact || (i > patient && m->ratio > 0.3 && (!fresh || i > 4));
     if (slow && (!m->allowed || taken < m->allowed)) {
       if (!refresh(t, memory, m, to->scale, exact)) return lost(t, m);
-      fresh += !fresh, taken++;
+      fresh += !fresh, taken++, m->second = 0.0; /* what it will usually be is not known */
     }
   }
   return is_near(t, m) ? 0 : lost(t, m);
@@ -303,13 +306,15 @@ static int next(const Tables *t, char *memory, Alpha *m, const Rows *to) {
   return 0;
 }
 
-/* A new tangent for steps to come, where one is due: evaluated behind one step, factored behind the
-   next, so that no step bears both; none behind a step that took one itself. 0: it has no factors. */
+/* A new tangent for steps to come, where one is due: evaluated behind two steps, at the state between
+   them, and factored behind the next, so that none bears it all; none behind a step that took one
+   itself. 0: it has no factors. */
 static int prepare(const Tables *t, char *memory, Alpha *m, const double *scale, Int before) {
   if (!m->allowed || m->refreshed != before) return 1;
-  if (m->ready) return assemble(t, m);
-  if (m->due || (m->every && m->age + 1 >= m->every))
-    evaluate(t, memory, m, &m->now, scale, 0), m->ready = 1;
+  if (m->ready == 2) return assemble(t, m);
+  if (m->ready) evaluate(t, memory, m, LATTER, &m->last, scale, 0), m->ready = 2;
+  else if (m->due || (m->every && m->age + 2 >= m->every))
+    evaluate(t, memory, m, FORMER, &m->now, scale, 0), m->ready = 1;
   return 1;
 }
 
@@ -335,7 +340,7 @@ Int pinflex_alpha_slope(const Tables *t, char *memory, Alpha *m, const double *s
   const Stages *st = m->joints;
   Int n = st->free, nv = t->nv, rows = t->closures, square = nv * nv;
   const double *M = m->tangent, *C = M + square, *K = C + square, *J = K + square;
-  evaluate(t, memory, m, &m->now, scale, 1);
+  evaluate(t, memory, m, WHOLE, &m->now, scale, 1);
   for (Int i = 0; i < nv; i++) m->r[i] = dy[i] = dv[i] = 0.0;
   for (Int k = 0; k < rows; k++) m->open[k] = 0.0;
   for (Int k = 0; k < st->motors; k++) {

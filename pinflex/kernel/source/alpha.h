@@ -14,8 +14,9 @@ typedef struct {
   Int most, stale;                     /* iterations of a step; whether it begins with a new tangent */
   Int iterations, refreshed;           /* counts */
   Int allowed, every, age;             /* tangents of a step, steps between them (0: as it takes); since the last */
-  Int due, ready;                      /* whether a tangent is wanted; whether one waits to be factored */
-  Int fewest;                          /* iterations of a step with this tangent, less one; -1: not known */
+  Int due, ready;                      /* whether a tangent is wanted; parts of it that are evaluated */
+  Int fewest, wasted;                  /* iterations of a step with this tangent, less one (-1: not
+                                          known), and of all its steps more than that */
   Int stopped;                         /* motor that the last step would have moved past its stop, or -1 */
   const Stages *joints;                /* of its lists alone */
   const Law *law;                      /* a feedback, or NULL */
@@ -38,7 +39,7 @@ typedef struct {
   double mass, by_v, by_y;             /* weights of M, C and K: da/ds, gamma h, beta h^2 */
   double tolerance, farthest;          /* m or rad that an elastic coordinate may go */
   double reference, peak;              /* accelerations: of the time, and the largest */
-  double noise, rate, began, previous, second, usual;
+  double noise, rate, began, before, previous, ratio, second, usual;
 } Alpha;
 
 /* What is prescribed at the steps to come, and where they are recorded, row by row. */

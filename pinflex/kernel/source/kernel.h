@@ -228,6 +228,7 @@ void residual_group(const Tables *t, Work *w, const Lane *y, const Lane *v, cons
 /* What of a tangent is wanted: without the rates of second-order rows, with them, and so within the blocks
    of a chain alone, where M, C and K outside are not written, or M and J alone (not of added masses). */
 enum { WITHOUT_RATES, WITH_RATES, WITHIN_BLOCKS, MASS };
+enum { WHOLE, FORMER, LATTER }; /* or halves, where a step shall not bear all of it (tangent.c) */
 
 /* residual.c: of states row by row, and derivatives at one of them. motion: M, C, K and J one after the
    other, residual and second derivatives of the closures at one. */
@@ -239,6 +240,9 @@ EXPORT void pinflex_losses(const Tables *t, char *memory, Int count, const doubl
 EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
                             const double *a, const double *lam, const double *scale, double *M,
                             double *C, double *K, double *J);
+void tangent_part(const Tables *t, char *memory, Int part, Int rates, const double *y, const double *v,
+                  const double *a, const double *lam, const double *scale, double *M, double *C,
+                  double *K, double *J);
 EXPORT void pinflex_motion(const Tables *t, char *memory, const double *y, const double *v,
                            const double *a, const double *lam, const double *scale,
                            double *matrices, double *r, double *rates);

@@ -99,12 +99,13 @@ void point_tangent(const Tables *t, const Work *lanes, Tangent *w) {
     Point point;
     point_of(t, lanes, w, k, &point);
     const Frozen *up = point.node < 0 ? &w->base : w->frozen + point.node;
+    if (point.node >= 0) carry(&point, &w->frozen[point.node].I);
+    if (!in_part(&w->along, point.block)) continue;
     for (Int c = 0; c < lanes_of(columns_of(t, point.block)); c++) four(t, w, up, &point, c);
     for (int d = 0; d < 3; d++) {
       const Lane *e = w->along.map + d * wide;
       add_own(t, &w->along, point.block, point.m, (const double *)e, e, 3 * wide);
     }
-    if (point.node >= 0) carry(&point, &w->frozen[point.node].I);
     /* Points of one link on one node are met together. */
     Int next = k + 1 < t->points ? t->block_of[t->point_v[k + 1]] : -1;
     if (next == point.block && t->point_node[k + 1] == point.node) continue;

@@ -167,16 +167,16 @@ void stand(const Tables *t, Work *w, Group *g, const double *Y, Int count, Int f
   outward(t, w, 1);
 }
 
-static void derivatives(const Tables *t, char *memory, Work *w, Group *g, Int rates, const double *y,
-                        const double *v, const double *a, const double *lam, const double *scale,
-                        double *M, double *C, double *K, double *J) {
+static void derivatives(const Tables *t, char *memory, Work *w, Group *g, Int part, Int rates,
+                        const double *y, const double *v, const double *a, const double *lam,
+                        const double *scale, double *M, double *C, double *K, double *J) {
   lay_out(t, memory, w, g);
   gather(y, 1, t->nq, 0, g->y);
   gather(v, 1, t->nv, 0, g->v);
   gather(a, 1, t->nv, 0, g->a);
   gather(lam, 1, t->closures, 0, g->lam);
   gather(scale, 1, t->forces, 0, g->scale);
-  tangent(t, w, g->more, rates, g->y, g->v, g->a, g->lam, g->scale, g->r, g->c, M, C, K, J);
+  tangent(t, w, g->more, part, rates, g->y, g->v, g->a, g->lam, g->scale, g->r, g->c, M, C, K, J);
 }
 
 /* Derivatives of the residual at one state: M, C, K (nv, nv) by a, v, y and J (closures, nv).
@@ -184,9 +184,15 @@ static void derivatives(const Tables *t, char *memory, Work *w, Group *g, Int ra
 EXPORT void pinflex_tangent(const Tables *t, char *memory, Int rates, const double *y, const double *v,
                             const double *a, const double *lam, const double *scale, double *M,
                             double *C, double *K, double *J) {
+  tangent_part(t, memory, WHOLE, rates, y, v, a, lam, scale, M, C, K, J);
+}
+
+void tangent_part(const Tables *t, char *memory, Int part, Int rates, const double *y, const double *v,
+                  const double *a, const double *lam, const double *scale, double *M, double *C,
+                  double *K, double *J) {
   Work w;
   Group g;
-  derivatives(t, memory, &w, &g, rates, y, v, a, lam, scale, M, C, K, J);
+  derivatives(t, memory, &w, &g, part, rates, y, v, a, lam, scale, M, C, K, J);
 }
 
 void motion(const Tables *t, char *memory, Int wanted, const double *y, const double *v,
@@ -196,7 +202,7 @@ void motion(const Tables *t, char *memory, Int wanted, const double *y, const do
   Group g;
   Int square = t->nv * t->nv;
   double *M = matrices, *C = M + square, *K = C + square;
-  derivatives(t, memory, &w, &g, wanted, y, v, a, lam, scale, M, C, K, K + square);
+  derivatives(t, memory, &w, &g, WHOLE, wanted, y, v, a, lam, scale, M, C, K, K + square);
   scatter(g.r, 1, t->nv, 0, r);
   closure_rates(t, g.more, rates);
   sleeve_motion(t, &w, g.open, g.lam, g.c);

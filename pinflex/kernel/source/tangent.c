@@ -151,11 +151,12 @@ static void twist_tangent(const Tables *t, Tangent *w) {
     move_columns(up, w->rate + first, w->growth + first, 1, c, v, a);
     set_momentum(&I, v);
     wrench_of(&I, v, a, f);
+    if (node >= 0) add_moments(&w->frozen[node].I, &I);
+    if (!in_part(&w->along, t->block_of[first])) continue;
     begin_needs(&w->along);
     couple(t, w, first, 1, &I, f);
     go_to(t, w, node);
     meet(t, &w->along, t->block_of[first], node);
-    if (node >= 0) add_moments(&w->frozen[node].I, &I);
   }
 }
 
@@ -165,6 +166,7 @@ static void node_tangent(const Tables *t, Tangent *w) {
     if (t->parent[i] >= 0) add_moments(&w->frozen[t->parent[i]].I, &w->frozen[i].I);
   for (Int i = 0; i < t->nodes; i++) {
     const Frozen *here = w->frozen + i;
+    if (!in_part(&w->along, t->node_block[i])) continue;
     begin_needs(&w->along);
     couple(t, w, t->node_v[i], width(t->kind[i]), &here->I, here->f);
     go_to(t, w, t->parent[i]);
@@ -293,8 +295,9 @@ EXPORT void pinflex_joined(const Tables *t, char *memory, double *to) {
   memcpy(to, w.along.joined, t->joined_at[t->blocks] * sizeof(double));
 }
 
-/* The first lane of the states counts. Afterwards r and c hold its residuals. */
-void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
+/* The first lane of the states counts. Afterwards r and c hold its residuals. The FORMER part begins
+   M, C and K, the LATTER adds to them, at the same state, and has J. */
+void tangent(const Tables *t, Work *lanes, double *memory, Int part, Int rates, const Lane *y,
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J) {
   Tangent w;
@@ -308,13 +311,14 @@ void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane
   project(t, lanes, y, v, r);
   freeze(t, lanes, &w);
   w.M = M, w.C = C, w.K = K;
-  begin_paths(t, &w.along, rates);
-  clear(t, &w.along, M);
-  if (rates != MASS) clear(t, &w.along, C), clear(t, &w.along, K);
+  begin_paths(t, &w.along, part, rates);
+  if (part != LATTER) clear(t, &w.along, M);
+  if (part != LATTER && rates != MASS) clear(t, &w.along, C), clear(t, &w.along, K);
   point_tangent(t, lanes, &w);
   twist_tangent(t, &w);
   node_tangent(t, &w);
   put_paths(t, &w.along, M, C, K);
+  if (part == FORMER) return;
   if (rates == MASS) {
     close_jacobian(t, &w, J);
     sleeve_tangent(t, lanes, &w, lam, 0, J);

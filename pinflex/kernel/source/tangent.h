@@ -15,6 +15,7 @@ typedef struct { double S[6], Y[6], Z[6], U[6]; } Column;
    of a block, and all rows and columns of M, C and K. */
 typedef struct {
   Int end, deep, wide, *rows_at, within, mass; /* rows of each block, or M, alone */
+  Int from, to;                                /* blocks of this part */
   Lane *moved, *need, *map, *rows;
   double *joined; /* of each block: needs (columns, 21), and `moved` of the block before, (21, columns) */
 } Path;
@@ -35,7 +36,7 @@ void place_columns(const Tables *t, Work *lanes, double *memory, const Lane *y, 
                    const Lane *a, Tangent *w);
 Int tangent_size(const Tables *t);
 void tangent_layout(const Tables *t, double *memory, Tangent *w);
-void tangent(const Tables *t, Work *lanes, double *memory, Int rates, const Lane *y,
+void tangent(const Tables *t, Work *lanes, double *memory, Int part, Int rates, const Lane *y,
              const Lane *v, const Lane *a, const Lane *lam, const Lane *scale, Lane *r, Lane *c, double *M,
              double *C, double *K, double *J);
 
@@ -62,7 +63,8 @@ void close_tangent(const Tables *t, Tangent *w, const Lane *lam, double *K, doub
    `stride` lanes from each other), and in the end put into M, C and K. */
 Int path_room(const Tables *t);
 void path_layout(const Tables *t, double *memory, Path *w);
-void begin_paths(const Tables *t, Path *w, Int wanted);
+void begin_paths(const Tables *t, Path *w, Int part, Int wanted);
+static inline int in_part(const Path *w, Int block) { return block >= w->from && block < w->to; }
 void go_to(const Tables *t, Tangent *w, Int node);
 void begin_needs(Path *w);
 void add_needs(const Tables *t, Tangent *w, Int i, const Needs *f);
