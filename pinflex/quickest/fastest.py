@@ -240,14 +240,21 @@ def fastest(
     found, grid = _searched(task, first, bound.duration, grid, close, tell)
     made = _told(task, found, models, bound.duration, steps, period)
     for _ in range(_PASSES):
-        if max(made.shares.values(), default=0.0) <= 1.0 + _SHOWN:
+        shakes = 1.0 if task.box is not None else made.residual / task.band
+        if max(made.shares.values(), default=0.0) <= 1.0 + _SHOWN and shakes <= 1.0:
             break
-        closer = Search(
-            _drawn_in(task, found, made.shares), grid, tell, _NEARBY, push=DEAR, any_kept=True
-        ).go(found.profile, _CLOSER, 0.0)
+        drawn = _drawn_in(task, found, made.shares)
+        drawn = replace(drawn, band=task.band / max(shakes, 1.0))
+        closer = Search(drawn, grid, tell, _NEARBY, push=DEAR, any_kept=True).go(
+            found.profile, _CLOSER, 0.0
+        )
         again = _told(task, closer, models, bound.duration, steps, period)
         worse = max(again.shares.values()) > max(made.shares.values())
-        if worse or (task.box is None and again.residual > task.band):
+        if shakes > 1.0:  # the band first, limits in the next pass
+            worse = again.residual >= made.residual
+        elif task.box is None:
+            worse |= again.residual > task.band
+        if worse:
             break
         found, made = closer, again
     _require_kept(task, made)
