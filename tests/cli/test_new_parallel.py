@@ -174,9 +174,10 @@ UP, STRAIGHT = (0, 0, 0.9), np.eye(3)
 
 
 def test_a_parallelogram_on_a_column_that_turns_has_hinges_across_it(tmp_path: Path) -> None:
-    """A palletizer: five joints less two rows of a plane loop leave three freedoms (Gruebler).
+    """A palletizer: nine joints less two rows of three plane loops leave three freedoms (Gruebler).
 
-    The column carries both ends. Hinges about its axis would block the parallelogram.
+    The column carries both ends. Hinges about its axis would block the parallelograms: one
+    freedom and, at the base, one joint, which looks as if it were meant.
     """
     rows: list[Row] = [
         ("j1", "continuous", "base", "column", (0, 0, 0.6), STRAIGHT, "z"),
@@ -186,11 +187,20 @@ def test_a_parallelogram_on_a_column_that_turns_has_hinges_across_it(tmp_path: P
         ("j3", "continuous", "column", "crank", (0.2, 0, 0), STRAIGHT, "y"),
         ("foot", "continuous", "crank", "rod", (-0.25, 0, 0), STRAIGHT, "y"),
         ("f2", "fixed", "rod", "rod_top", UP, STRAIGHT, "x"),
+        ("lr1", "continuous", "column", "level_1", (0.3, -0.1, 0.1), STRAIGHT, "y"),
+        ("f3", "fixed", "level_1", "level_1_end", UP, STRAIGHT, "x"),
+        ("tri", "continuous", "lower_arm", "triangle", UP, STRAIGHT, "y"),
+        ("f4", "fixed", "triangle", "tri_b", (0.1, -0.1, 0.1), STRAIGHT, "x"),
+        ("lr2", "continuous", "triangle", "level_2", (0, -0.1, 0.15), STRAIGHT, "y"),
+        ("f5", "fixed", "level_2", "level_2_end", (1, 0, 0), STRAIGHT, "x"),
+        ("pitch", "continuous", "upper_arm", "wrist", (1, 0, 0), STRAIGHT, "y"),
+        ("f6", "fixed", "wrist", "wrist_d", (0, -0.1, 0.15), STRAIGHT, "x"),
     ]
-    path = drawn(tmp_path, rows, "column|arm|crank|^rod$")
+    path = drawn(tmp_path, rows, "column|arm|crank|^rod$|level_.$|triangle|wrist$")
     assert main(["new", str(path)]) == 0
     text = path.with_suffix(".yaml").read_text("utf-8")
     assert "{kind: revolute, between: [rear, rod_top], axis: y}" in text
+    assert text.count("axis: y}  # drawn") == 3
     assert "mobility 3 with these loops: name 3 joints with a motor" in text
 
 

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.__main__ import main
+from pinflex.cli.motions import _pairs
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.levels.ringing import Ringing
 from pinflex.quickest import fastest
@@ -479,3 +480,13 @@ def test_a_curve_and_motors_that_push_are_refused(tmp_path):
     with pytest.raises(pf.DescriptionError, match=r"joints\.drive\.drive\.limit_curve"):
         pf.fastest(tmp_path / "two.yaml", {"drive": 1.0}, drive="torque",
                    settle={"position": 0.1, "speed": 0.1})  # fmt: skip
+
+
+def test_ends_may_have_their_unit():
+    assert _pairs(["j=90deg, x=-300 mm", "z=0.5"], "to") == pytest.approx(
+        {"j": np.pi / 2, "x": -0.3, "z": 0.5}, rel=1e-15
+    )
+    assert _pairs(["payload=20%"], "robust") == {"payload": 0.2}
+    for bad in ("j=90 grad", "j", "j="):
+        with pytest.raises(pf.DescriptionError, match=r"write NAME=VALUE: .*50deg"):
+            _pairs([bad], "to")
