@@ -248,7 +248,7 @@ motion: {kind: cycloid, joints: {bridge_joint: 0.3}, duration: 0.4}
 
 
 def test_whole_runs_that_take_too_long_are_given_up(monkeypatch) -> None:
-    """Undamped stretch under a load that comes at once takes steps of 1e-5 s: an hour, once."""
+    """Undamped stretch under a load that comes at once takes steps of 1e-5 s, run after run."""
     monkeypatch.setattr(error_bars, "_LONGEST", 0.0)
     found = pf.advise(pf.load("race_r3"))
     assert any("a whole run stops: its run takes more than" in note for note in found.notes)
