@@ -359,7 +359,8 @@ class _Study:
             return error_bars.Look(probe, probe.motion(0).at(some), some)
         if level != "coupled" or not self.by_runs:
             return error_bars.look(probe, self.motion, level)
-        run = solve_to_tolerance(self._scene(model, level), probe.t[some], _WITHIN * self.tol)
+        scene, patient = self._scene(model, level), error_bars.patient()
+        run = solve_to_tolerance(scene, probe.t[some], _WITHIN * self.tol, patient)
         return error_bars.Look(probe, run, some)
 
     def _scene(self, model: Mechanism, level: str) -> Scene:
@@ -424,7 +425,8 @@ class _Study:
         apart = ", ".join(f"{key} by {percent(e)}" for key, e in self.doubts.items())
         about = f"a coupled run of the first part differs from the estimate ({apart})"
         try:
-            best = solve_to_tolerance(self._scene(self.rich, "coupled"), t, within)
+            scene = self._scene(self.rich, "coupled")
+            best = solve_to_tolerance(scene, t, within, error_bars.patient())
             ked = self._as_compared(self._scene(self.rich, "ked"), within)
         except SceneError as failed:
             self.notes.append(f"{about}, which is in the error bars; a whole run stops: {failed}")

@@ -34,6 +34,7 @@ from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart
+from pinflex.progress import Callback
 from pinflex.recovery.links import deflections
 from pinflex.recovery.recover import result_of
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
@@ -201,17 +202,22 @@ def richer_run(
     given = {k: x for k, x in options.items() if k not in _OF_THE_METHOD and x is not None}
     if tol is None:
         tol = min(float(result.meta["settings"].get("tol", _TOL)), _TOL)
-    until, began = float(result.t[-1]), time.process_time()
+    start = "static" if static else "straight"
+    if static and result.level != "quasistatic":  # auto leaves out loads that come and go
+        start = options.get("start") or finer.description.solve.start
+    keys = {**given, "start": start, "until": float(result.t[-1]), "tol": tol}
+    return solve_level(finer, motion, "coupled", samples=len(result.t), progress=patient(), **keys)
+
+
+def patient() -> Callback:
+    """What gives a run up that takes too long."""
+    began = time.process_time()
 
     def watch(step: int, steps: int) -> None:
         if time.process_time() - began > _LONGEST:
             raise ConvergenceError(f"its run takes more than {_LONGEST:g} s")
 
-    start = "static" if static else "straight"
-    if static and result.level != "quasistatic":  # auto leaves out loads that come and go
-        start = options.get("start") or finer.description.solve.start
-    keys = {**given, "start": start, "until": until, "tol": tol}
-    return solve_level(finer, motion, "coupled", samples=len(result.t), progress=watch, **keys)
+    return watch
 
 
 def free(mechanism: Mechanism) -> bool:

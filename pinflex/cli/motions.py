@@ -197,16 +197,19 @@ def _say(line: str) -> None:
 
 
 def _pairs(texts: list[str], option: str) -> dict[str, float]:
-    """Numbers by name, of NAME=VALUE,...; a per cent sign is a hundredth."""
+    """Numbers by name, of NAME=VALUE,...; lengths and angles by their unit, % a hundredth."""
+    from pinflex.description.reading.schema import measured
+
     pairs = {}
     for text in ",".join(texts).split(",") if texts else ():
-        name, sign, value = text.partition("=")
+        name, _, value = text.partition("=")
         try:
-            number = float(value.strip().removesuffix("%"))
+            number = float(measured(measured(value.strip().removesuffix("%"), "length"), "angle"))
         except ValueError:
-            sign = ""
-        if not sign:
-            raise DescriptionError(f"--{option} {text}: write NAME=VALUE.")
+            raise DescriptionError(
+                f"--{option} {text}: write NAME=VALUE: a number, a length or an angle with its "
+                "unit (300mm, 50deg), or a share (20%)."
+            ) from None
         pairs[name.strip()] = number / (100.0 if value.strip().endswith("%") else 1.0)
     return pairs
 

@@ -211,11 +211,14 @@ def singularity(
     rank = int(np.sum(sigma > SINGULAR * sigma[0]))
     lost = rank < J.shape[1]
     kind = "singular pose" if lost else "nearly singular pose"
+    advice = "Choose a path that avoids this pose, or start from another branch."
+    if where.endswith("home"):
+        advice = "Give a `home` away from this pose."
     measure = f"has rank {rank} of {J.shape[1]} (" if lost else "is losing rank ("
     return SingularityError(
         f"{where}: {kind}: the {what[0]} {measure}sigma_min = {ratio:.2g}, where 1 is best); "
         f'with {what[1]} loop "{loop}" can still move{"" if lost else " almost freely"}: '
-        f"{motion}. Choose a path that avoids this pose, or start from another branch.",
+        f"{motion}. {advice}",
         loop=loop,
         motion=motion,
         sigma_min=ratio,

@@ -168,7 +168,7 @@ _SHOWN = 4  # joints listed before "..."
 
 
 def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
-    """A sentence for each hinge of a loop whose axis crosses those of all its neighbours."""
+    """A sentence for each hinge of a loop that blocks its neighbours: they need one direction."""
     at, system = dynamics.kinematics(pose), dynamics.system
     closed, model = system.closed, system.rigid
     placed, turning = closed.frames(at.poses)[0, :, :, :3], at.J[0, 3:]
@@ -195,12 +195,19 @@ def axis_hint(dynamics: Equations, loops: Sequence[Loop], pose: Array) -> str:
 
 def _hint(loop: Loop, frames: tuple[Array, Array], axes: Array, names: Sequence[str]) -> str:
     """The sentence for one loop, "" where its axis fits."""
-    normal, axis = axes[:, 0], frames[0][:, 2]
-    bent = [float(np.linalg.norm(np.cross(normal, beside))) for beside in axes.T]
-    if max(bent) > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:
+    normal = axes[:, 0]
+    bent = max(float(np.linalg.norm(np.cross(normal, beside))) for beside in axes.T)
+    shown = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+    if ANGLE < bent < _TURNED:
+        return (
+            f' The joints around loop "{loop.name}" ({shown}) are up to {bent:.2g} rad off '
+            "parallel, so that hinges block each other. Write more digits in the URDF (1.5707963 "
+            "for a right angle), or kind: planar, which holds no tilt."
+        )
+    axis = min((frame[:, 2] for frame in frames), key=lambda z: abs(float(normal @ z)))
+    if bent > _PARALLEL or np.linalg.norm(np.cross(normal, axis)) < _TURNED:
         return ""
     angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ axis)))))
-    shown = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
     turn = axis_frame(loop.axis, None)
     own = [turn @ frame.T @ normal for frame in frames]
     advice = "Turn one of the frames in the URDF"

@@ -459,10 +459,9 @@ def _refined(search: Search, found: Look, close: float) -> tuple[Look, Search]:
 
 
 def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Look, list[Settled]]:
-    """The motion under limits that runs by a tolerance keep, and these runs of all models.
+    """The motion whose runs by a tolerance keep limits and band, and these runs of all models.
 
-    They know nothing of how the motion was found. The nominal robot's show limits; the others'
-    follow for the last motion that leaves them still.
+    They know nothing of how the motion was found. The nominal robot's show limits.
     """
 
     def seen(one: Look, k: int) -> Settled:
@@ -473,28 +472,30 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
         return settled(task.models[k], motion, task.rest[k], task.band, T, period, TOL,
                        T if task.box else None, how)  # fmt: skip
 
-    def used(one: Look, by: Settled) -> dict[str, float]:
-        return _active(task, one.profile, by.run)[1]
+    def shaking(*every: Settled) -> float:
+        return 0.0 if task.box is not None else max(x.residual for x in every) / task.band
 
-    def still(*every: Settled) -> bool:
-        return task.box is not None or max(x.residual for x in every) <= task.band
-
-    ways = [(found, seen(found, 0))]
+    ways = [(found, [seen(found, 0)])]
     for _ in range(_PASSES):
-        shares = used(*ways[-1])
+        last, every = ways[-1]
+        shares, shakes = _active(task, last.profile, every[0].run)[1], shaking(*every)
         most = max(shares.values(), default=0.0)
-        if most <= 1.0 + _SHOWN:
-            break
-        drawn_in = _drawn_in(task, ways[-1][0], shares)
+        if most <= 1.0 + _SHOWN and shakes <= 1.0:
+            every += [seen(last, k) for k in range(1, len(task.models))]
+            shakes = shaking(*every)
+            if shakes <= 1.0:
+                break
+        drawn_in = replace(_drawn_in(task, last, shares), band=task.band / max(shakes, 1.0))
         search = replace(search, task=drawn_in, radius=_NEARBY, push=DEAR, any_kept=True)
-        closer = search.go(ways[-1][0].profile, _CLOSER, 0.0, ways[-1][0].runs)
-        again = closer, seen(closer, 0)
-        if max(used(*again).values()) > most or not still(again[1]):
-            break
-        ways.append(again)
-    for found, nominal in reversed(ways):
-        every = [nominal, *(seen(found, k) for k in range(1, len(task.models)))]
-        if still(*every):
+        closer = search.go(last.profile, _CLOSER, 0.0, last.runs)
+        again = seen(closer, 0)
+        pushes = max(_active(task, closer.profile, again.run)[1].values(), default=0.0)
+        if (shakes <= 1.0 and pushes > most) or shaking(again) > max(shakes, 1.0):
+            break  # the band first, limits in the next pass
+        ways.append((closer, [again]))
+    for found, every in reversed(ways):
+        every += [seen(found, k) for k in range(len(every), len(task.models))]
+        if shaking(*every) <= 1.0:
             break
     return found, every
 

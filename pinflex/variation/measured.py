@@ -1,6 +1,6 @@
 """What was measured: files of natural frequencies, frequency responses or time histories.
 
-A CSV has a line of column names (units in brackets are skipped) and a row per value:
+A CSV has a line of column names (units in brackets: SI, or deg, mm, kHz, ...) and a row per value:
 
 - frequency [Hz], std [Hz], mode, FRAME.x ...: natural frequencies; all but the first optional
 - frequency [Hz], OUTPUT/INPUT.real, OUTPUT/INPUT.imag, OUTPUT/INPUT.std: frequency responses
@@ -12,6 +12,8 @@ Universal files (.uff, .unv) hold frequency responses as data sets 58.
 from __future__ import annotations
 
 import csv
+import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -21,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
+from pinflex.description.motions.laws import cells
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.report import Table
@@ -29,6 +32,11 @@ from pinflex.variation.variants import Variants, keys
 Columns = dict[str, Array]
 _UNIVERSAL = (".uff", ".unv", ".uf")
 _RESPONSE = 4  # function type of a frequency response function, data set 58
+_SI = r"(?:rad|Hz|kg|Pa|N|m|s|V|A|1|-)(?:\^-?\d)?"
+_MULTIPLES = {
+    "deg": math.pi / 180, "mm": 1e-3, "um": 1e-6, "ms": 1e-3, "kHz": 1e3, "MPa": 1e6, "GPa": 1e9,
+    "g": 9.80665,
+}  # fmt: skip
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _RATES = {8: "", 11: ".velocity", 12: ".acceleration"}  # specific data types of an ordinate
 
@@ -49,13 +57,15 @@ def columns(
 
 def _table(path: Path) -> Columns:
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+        written = path.read_text(encoding="utf-8-sig").splitlines()
+        rows = cells(x for x in written if x.strip() and not x.startswith("#"))
     except (UnicodeDecodeError, csv.Error) as error:
         raise DescriptionError(f"{path.name}: not a CSV: {error}. Give text in UTF-8.") from None
     if len(rows) < 2:
         raise DescriptionError(f"{path.name}: no rows. Give names in a line, then numbers below.")
-    names = [name.split("[")[0].strip() for name in rows[0]]
+    heads = [name.rstrip("] ").partition("[") for name in rows[0]]
+    names = [name.strip() for name, _, _ in heads]
+    factors = [_factor(unit, f"{path.name}: {name.strip()}") for name, _, unit in heads]
     found: dict[str, list[float]] = {name: [] for name in names}
     for line, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
@@ -63,14 +73,27 @@ def _table(path: Path) -> Columns:
                 f"{path.name}: row {line}: {len(row)} values for {len(names)} columns. Give one "
                 "for each."
             )
-        for name, text in zip(names, row, strict=True):
+        for name, factor, text in zip(names, factors, row, strict=True):
             try:
-                found[name].append(float(text))
+                found[name].append(factor * float(text))
             except ValueError:
                 raise DescriptionError(
                     f"{path.name}: row {line}: {name}: {text!r:.40} is no number. Write one."
                 ) from None
     return {name: np.array(values) for name, values in found.items()}
+
+
+def _factor(unit: str, where: str) -> float:
+    """Of a unit of a column, to SI; a unit that is one already has none."""
+    first, over, rest = unit.partition("/")
+    if all(re.fullmatch(_SI, part) for part in re.split(r"[\s|/*()]+", unit) if part):
+        return 1.0
+    if first in _MULTIPLES and (not over or re.fullmatch(r"s(\^2)?|N", rest)):
+        return _MULTIPLES[first]
+    raise DescriptionError(
+        f"{where}: no unit that is read: [{unit}]. Allowed: SI, {', '.join(_MULTIPLES)}, also over "
+        "s, s^2 or N."
+    )
 
 
 def _checked(found: Columns, where: str) -> Columns:
@@ -149,6 +172,7 @@ def _place(
 _ALIKE = 0.2  # of a logarithm, of values among each other
 _NEAR = 0.6  # of a logarithm, to a factor of units: a scene may be so far off before its fit
 # Units that are written by mistake, by that which is meant: their values over the right ones.
+_SI = r"(?:rad|Hz|kg|Pa|N|m|s|V|A|1|-)(?:\^-?\d)?"
 _UNITS = {
     "Hz": {"rad/s": 2 * np.pi, "kHz": 1e-3, "rpm": 60.0},
     "m": {"mm": 1e3},

@@ -173,3 +173,67 @@ def test_half_a_universal_joint_is_an_end(tmp_path: Path) -> None:
     run = pf.solve(robot, pf.cycloid(joints={"slide_0": 0.03}, duration=1.0), level="rigid")
     turns = run.frame("platform").rotation
     assert np.abs(turns - turns[0]).max() < 1e-7  # it translates; hinges are closed to 1e-10
+
+
+UP, STRAIGHT = (0, 0, 0.9), np.eye(3)
+
+
+def test_a_parallelogram_on_a_column_that_turns_has_hinges_across_it(tmp_path: Path) -> None:
+    """A palletizer: nine joints less two rows of three plane loops leave three freedoms (Gruebler).
+
+    The column carries both ends. Hinges about its axis would block the parallelograms: one
+    freedom and, at the base, one joint, which looks as if it were meant.
+    """
+    rows: list[Row] = [
+        ("j1", "continuous", "base", "column", (0, 0, 0.6), STRAIGHT, "z"),
+        ("j2", "continuous", "column", "lower_arm", (0.2, 0, 0), STRAIGHT, "y"),
+        ("elbow", "continuous", "lower_arm", "upper_arm", UP, STRAIGHT, "y"),
+        ("f1", "fixed", "upper_arm", "rear", (-0.25, 0, 0), STRAIGHT, "x"),
+        ("j3", "continuous", "column", "crank", (0.2, 0, 0), STRAIGHT, "y"),
+        ("foot", "continuous", "crank", "rod", (-0.25, 0, 0), STRAIGHT, "y"),
+        ("f2", "fixed", "rod", "rod_top", UP, STRAIGHT, "x"),
+        ("lr1", "continuous", "column", "level_1", (0.3, -0.1, 0.1), STRAIGHT, "y"),
+        ("f3", "fixed", "level_1", "level_1_end", UP, STRAIGHT, "x"),
+        ("tri", "continuous", "lower_arm", "triangle", UP, STRAIGHT, "y"),
+        ("f4", "fixed", "triangle", "tri_b", (0.1, -0.1, 0.1), STRAIGHT, "x"),
+        ("lr2", "continuous", "triangle", "level_2", (0, -0.1, 0.15), STRAIGHT, "y"),
+        ("f5", "fixed", "level_2", "level_2_end", (1, 0, 0), STRAIGHT, "x"),
+        ("pitch", "continuous", "upper_arm", "wrist", (1, 0, 0), STRAIGHT, "y"),
+        ("f6", "fixed", "wrist", "wrist_d", (0, -0.1, 0.15), STRAIGHT, "x"),
+    ]
+    path = drawn(tmp_path, rows, "column|arm|crank|^rod$|level_.$|triangle|wrist$")
+    assert main(["new", str(path)]) == 0
+    text = path.with_suffix(".yaml").read_text("utf-8")
+    assert "{kind: revolute, between: [rear, rod_top], axis: y}" in text
+    assert text.count("axis: y}  # drawn") == 3
+    assert "mobility 3 with these loops: name 3 joints with a motor" in text
+
+
+@pytest.mark.parametrize("right, kind", [(np.pi / 2, "revolute"), (1.57075, "planar")])
+def test_a_leg_drawn_stretched_is_bent(tmp_path: Path, right: float, kind: str) -> None:
+    """A five-bar leg as of Minitaur, both halves straight and one over the other: singular there.
+
+    Four joints less two rows leave the motors' two freedoms (Gruebler). With 1.57075 for a right
+    angle the hinges are not parallel, and only pins leave them.
+    """
+    rows: list[Row] = []
+    for side, turn in (("r", turned("x", right)), ("l", turned("z", np.pi) @ turned("x", right))):
+        rows += [
+            (f"motor_{side}", "continuous", "base", f"drum_{side}", (0, 0, 0), turn, "z"),
+            (f"f_{side}", "fixed", f"drum_{side}", f"thigh_{side}", (0, 0.06, 0),
+             turned("x", -right), "x"),
+            (f"knee_{side}", "continuous", f"thigh_{side}", f"shank_{side}", (0, 0, 0.055),
+             STRAIGHT, "y"),
+            (f"e_{side}", "fixed", f"shank_{side}", f"foot_{side}", (0, 0, 0.2), STRAIGHT, "x"),
+        ]  # fmt: skip
+    path = drawn(tmp_path, rows, "drum|thigh|shank")
+    assert main(["new", str(path)]) == 0
+    out = path.with_suffix(".yaml")
+    text = out.read_text("utf-8")
+    assert f"kind: {kind}, between:" in text
+    assert "GUESS: the pose drawn is singular" in text
+    taken = re.sub(r"^# (loops:|home:|actuated:|  .*# drawn)", r"\1", text, flags=re.M)
+    out.write_text(taken, "utf-8")
+    robot = pf.load(out)
+    assert (robot.report.mobility, robot.motors) == (2, ("motor_r", "motor_l"))
+    assert robot.report.sigma_min > 0.05  # of a well-placed machine

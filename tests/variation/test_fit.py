@@ -293,6 +293,7 @@ def test_the_command_writes_a_yaml_that_has_the_measured_frequencies(tmp_path, c
         ("frequency\n7,1\n", "2 values for 1 columns"),
         ("t,tip.q\n0,1\n1,1\n", "write joint.NAME"),
         ("t\n0\n1\n", "only t"),
+        ("frequency [rpm]\n7\n", r"no unit that is read: \[rpm\]"),
     ],
 )
 def test_bad_files_say_what_to_write(text, said, tmp_path):
@@ -300,6 +301,16 @@ def test_bad_files_say_what_to_write(text, said, tmp_path):
     path.write_text(text)
     with pytest.raises(pf.DescriptionError, match=said):
         pf.fit("cantilever", path, ["flexible.*.material.E"], dt=0.01)
+
+
+def test_units_in_brackets_are_converted(tmp_path):
+    plain = tmp_path / "si.csv"
+    plain.write_text("t [s],joint.a [rad],tip.z.velocity [m/s],torque.a [N m]\n0.5,0.25,-2e-3,3\n")
+    other = tmp_path / "other.csv"
+    head = "t [ms];joint.a [deg];tip.z.velocity [mm/s];torque.a [N m]"
+    other.write_text(f"{head}\n500;{np.degrees(0.25)};-2,0;3\n")
+    for name, values in columns(plain).items():
+        assert columns(other)[name] == pytest.approx(values, rel=1e-14)  # a multiplication
 
 
 def test_a_search_that_leaves_what_can_be_built_turns_back():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import csv
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -295,6 +295,15 @@ def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, 
     return target, moves, np.array(list(moves.values()))
 
 
+def cells(lines: Iterable[str]) -> list[list[str]]:
+    """The cells of each line of a CSV; parted by `;`, as spreadsheets do, commas are decimal."""
+    rows = list(lines)
+    parted = bool(rows) and ";" in rows[0] and "," not in rows[0]
+    if parted:
+        rows = [row.replace(",", ".") for row in rows]
+    return [next(csv.reader([row], delimiter=";" if parted else ",")) for row in rows]
+
+
 def table(file: Any) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
     if not isinstance(file, (str, Path)):
@@ -302,7 +311,7 @@ def table(file: Any) -> dict[str, Any]:
     require_regular(Path(file), MOST_TABLE, f"sampled.file: {file}")
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-        rows = list(csv.reader(x for x in lines if x.strip() and not x.startswith("#")))
+        rows = cells(x for x in lines if x.strip() and not x.startswith("#"))
         if len({len(row) for row in rows}) != 1:
             raise ValueError("its rows differ in length" if rows else "it is empty")
         head = [cell.strip() for cell in rows[0]]
@@ -317,7 +326,8 @@ def table(file: Any) -> dict[str, Any]:
 def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
     """A column of numbers, one to each of the times if these are given."""
     if name not in table:
-        raise bad(where, f"no such column.{nearest(name, table)}")
+        more = " Columns `time` and `NAME [deg]` are read by `kind: trajectory`."
+        raise bad(where, f"no such column.{nearest(name, table)}{more if times is None else ''}")
     column = table[name]
     if not isinstance(column, (list, tuple, np.ndarray)):
         raise bad(where, f"{shown(column)} is no list of samples. Write [number, ...].")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -254,7 +253,7 @@ def of_csv(text: str, where: str) -> Waypoints:
         raise keys.bad(
             where, "no rows. A trajectory has a header t, NAME, ... and a row per instant."
         )
-    cells = [next(csv.reader([line])) for _, line in lines]
+    cells = keys.cells(line for _, line in lines)
     header = f"{where}, line {lines[0][0]}"
     columns = [_column(cell.strip(), header) for cell in cells[0]]
     names = tuple(dict.fromkeys(name for name, field, _ in columns if field and field != "t"))

@@ -11,8 +11,10 @@ import numpy as np
 
 from pinflex.actuation.drive import nominal
 from pinflex.actuation.path import motor_axes
+from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.blocks.joints import Friction
+from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import integer
 from pinflex.errors import ConvergenceError, DescriptionError, SceneError, SingularityError
 from pinflex.levels.modes import Modes, base_state, default_motion, first_modes, modes, rigid_body
@@ -299,12 +301,27 @@ def _motion(mechanism: Mechanism) -> tuple[str, list[str]]:
     try:
         path = nominal(mechanism, motion, np.linspace(0.0, end, _ALONG_MOTION))
     except SceneError as error:
-        return f"{words}: cannot be followed", [*late, f"motion: {error}"]
-    axes, motors = motor_axes(mechanism), description.actuated
-    at = dict(zip(motors, np.transpose([axes.read(q) for q in path.q]), strict=True))
-    turning = dict(zip(motors, path.v[:, axes.v_at].T, strict=True))
+        late += [f"motion: {error}"]
+        if motion.target != "joints":
+            return f"{words}: cannot be followed", late
+        words += ": cannot be followed"
+        p, v, _ = motion.evaluate(np.linspace(0.0, end, _ALONG_MOTION))
+        at = dict(zip(motion.names, p.T + _home_of(mechanism, motion)[:, None], strict=True))
+        turning = dict(zip(motion.names, v.T, strict=True))
+    else:
+        words += ": the rigid mechanism can follow it"
+        axes, motors = motor_axes(mechanism), description.actuated
+        at = dict(zip(motors, np.transpose([axes.read(q) for q in path.q]), strict=True))
+        turning = dict(zip(motors, path.v[:, axes.v_at].T, strict=True))
     beyond = doubts.beyond_on_the_way(description, at, turning)
-    return f"{words}: the rigid mechanism can follow it", [*late, *(f"motion: {x}" for x in beyond)]
+    return words, [*late, *(f"motion: {x}" for x in beyond)]
+
+
+def _home_of(mechanism: Mechanism, motion: Motion) -> Array:
+    """Where displacements of joints begin; zero where a motion has positions."""
+    home = motor_axes(mechanism).read(mechanism.home)
+    at = [mechanism.description.actuated.index(name) for name in motion.names]
+    return np.zeros(len(at)) if motion.absolute else home[at]
 
 
 # The report of a check.

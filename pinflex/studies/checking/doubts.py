@@ -129,6 +129,9 @@ def beyond_limits(
     return found
 
 
+_DEGREES = " Degrees? Write 90 deg, or head a column of a trajectory NAME [deg]."
+
+
 def beyond_on_the_way(
     description: Description,
     position: Mapping[str, Array],
@@ -147,6 +150,7 @@ def beyond_on_the_way(
             found.append(
                 f"{name} gets to {off:.4g}, outside the URDF's limits {limit.lower:g} to "
                 f"{limit.upper:g} (rad or m)."
+                + (_DEGREES if abs(off) > _TURN and limit.upper < _TURNS[0] else "")
             )
         most = {"speed": (speed, limit.velocity), "torque or force": (torque or {}, limit.effort)}
         for word, (histories, allowed) in most.items():

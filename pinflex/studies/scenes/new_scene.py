@@ -7,7 +7,7 @@ import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -280,6 +280,9 @@ def new_scene(
             f"another link: {', '.join(g.link for g in candidates(mechanism)) or 'there is none'}."
         )
     ways = proposals.closing(mechanism, tree)
+    if home and ways.home:
+        blocks["home"], ways = dict(ways.home), replace(ways, home={})
+        mechanism = _loaded(name, blocks, out)
     more = [] if ways.loops or blocks.get("loops") else _pushed(tree, blocks)
     if more:
         blocks["actuated"] += more
@@ -433,6 +436,9 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
     if ways.types:
         retyped = ", ".join(f"{quoted(n)}: {{type: {kind}}}" for n, kind in ways.types.items())
         lines += [f"# joints: {{{retyped}}}  # guessed by name: URDF has no such type"]
+    if ways.home:
+        bent = ", ".join(f"{quoted(name)}: {value}" for name, value in ways.home.items())
+        lines += [f"# home: {{{bent}}}  # GUESS: the pose drawn is singular"]
     motors = ", ".join(quoted(name) for name in ways.motors) or "..."
     if ways.closed is None:
         why = "they do not close from the pose drawn: give a guess under home"
@@ -441,7 +447,9 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
         why = f"mobility {mobility} with these loops"
         why += f", as with axis {' or '.join(ways.also)}: look" if ways.also else ""
         if not named:
+            alone = ways.closed.idle.names[len(ways.closed.idle.spins) :]
             why += f": name {plural(mobility, 'joint')} with a motor"
+            why += f", and {' and '.join(alone)}, idle without one" if alone else ""
         elif mobility > named:
             why += ": a joint is of another type, or a motor is not named so"
         elif mobility < named:
@@ -487,7 +495,7 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
             solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
             if closed:  # it is to run when the # are gone, too
                 taken = re.sub(
-                    r"^# (loops:|joints:|actuated:|  .*# drawn)", r"\1", text, flags=re.M
+                    r"^# (loops:|joints:|home:|actuated:|  .*# drawn)", r"\1", text, flags=re.M
                 )
                 solve(load(from_text(taken + proposal, out)), level="rigid", samples=_LOOKS)
         except PinflexError:

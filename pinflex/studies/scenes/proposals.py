@@ -20,7 +20,7 @@ from pinflex.arrays import Array
 from pinflex.description.files import Source, SourceJoint
 from pinflex.description.reading import yaml_text
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.errors import DescriptionError, PinflexError, SingularityError
 from pinflex.linalg import null_space
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
@@ -30,6 +30,8 @@ from pinflex.mechanics.model.tree import Link
 _NEAR = 1e-4  # [m] frames that coincide, but for the decimals of a file
 _MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already; a frame
 # that moves by less for one radian or metre of a freedom stands still
+_BENT, _LESS = 0.5, 0.8  # by which joints are bent out of a singular pose [rad | m]: by so much
+# the first, each other one by so much of the last: in a pose of no symmetry
 _LOOKS = 3  # poses at which that is looked at
 _WORDS = (  # the end of a robot, surest name first
     re.compile(r"platform|(^|_)plate|tool|effector|tcp|flange", re.I),
@@ -83,6 +85,7 @@ class Closing:
         loops: What may meet. motors: Joints with a motor then; none: they are not to be guessed.
         closed: The mechanism with them; None where it does not close.
         types: Of joints that have another in the file. also: Axes of hinges that fit as well.
+        home: Values that bend it out of the pose drawn, where that is singular.
     """
 
     loops: tuple[Loop, ...] = ()
@@ -90,6 +93,7 @@ class Closing:
     closed: Mechanism | None = None
     types: Mapping[str, str] = field(default_factory=dict)
     also: tuple[str, ...] = ()
+    home: Mapping[str, Any] = field(default_factory=dict)
 
 
 # The platform --------------------------------------------------------------------------------
@@ -167,24 +171,30 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
     best, types = Closing(tuple(pairs), motors), _named_types(tree)
     some = json.dumps(motors or mechanism.description.actuated[:1])
     fits: list[Closing] = []
-    tries = itertools.product([{}, types] if types else [{}], _kinds(mechanism, pairs))
+    flat = _flat(mechanism, pairs)
+    kinds = _kinds(mechanism, pairs, flat)
+    tries = itertools.product([{}, types] if types else [{}], kinds)
     for retyped, kind in tries:
         loops = tuple(Loop(p.a, p.b, p.apart, *kind) for p in pairs)
         text = json.dumps({loop.name: loop.block for loop in loops})
         changes = [f"loops={text}", f"actuated={some}"]
         changes += [f"joints.{name}.type={kind}" for name, kind in retyped.items()]
         try:
-            closed = load(mechanism.description.with_overrides(changes))
+            closed = _closed(mechanism, changes, pairs)
         except PinflexError:
             continue
         mobility = closed.report.mobility
         driven = motors or _likely_motors(tree, mobility)
-        closing = Closing(loops, driven, closed, retyped)
+        home = closed.description.home
+        bent = home if home != mechanism.description.home else {}
+        closing = Closing(loops, driven, closed, retyped, home=bent)
         if mobility and mobility == len(driven):
             fits.append(closing)
             if kind[0] == "revolute":
                 continue  # about another axis, too?
             break
+        if mobility and kind in flat and not motors:
+            return closing  # a plane chain: better no motor named than a hinge that blocks it
         least = best.closed.report.mobility if best.closed else 0
         if mobility and (not least or least < mobility < len(driven)):
             best = closing
@@ -193,6 +203,18 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
         return fits[0] if fits else best
     axes = dict.fromkeys(fit.loops[0].axis for fit in hinges)  # some twice, with other types
     return replace(hinges[0], also=tuple(axes)[1:])
+
+
+def _closed(mechanism: Mechanism, changes: Sequence[str], pairs: Sequence[Loop]) -> Mechanism:
+    """The mechanism with loops; where it is drawn in a singular pose, bent out of it."""
+    try:
+        return load(mechanism.description.with_overrides(changes))
+    except SingularityError:
+        model = mechanism.rigid.rigid
+        joints = sorted(set().union(*(_between(model, *_numbers(model, pair)) for pair in pairs)))
+        turns = [model.names[j] for j in joints if model.nvs[j] == 1]
+        bent = [f"home.{name}={_BENT * _LESS**k:.2g}" for k, name in enumerate(turns)]
+        return load(mechanism.description.with_overrides([*changes, *bent]))
 
 
 def _named_types(tree: Source) -> dict[str, str]:
@@ -339,17 +361,24 @@ def _nearest(links: Sequence[Link], free: dict[tuple[int, int], float]) -> list[
     return found
 
 
-def _kinds(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]:
-    """Kinds to try with their axis: pins where all joints of both branches turn about one line.
-
-    Also hinges about an axis that both ends of each pair have in common: they hold more than balls
-    do, so that where all freedoms are left (Bennett's linkage, a spherical wrist) they are meant.
-    """
+def _flat(mechanism: Mechanism, pairs: Sequence[Loop]) -> list[tuple[str, str]]:
+    """The hinge about the one line about which all joints between all ends turn, if there is."""
     axes = {_axis(mechanism, pair) for pair in pairs}
-    pin_about = [("revolute", next(iter(axes)))] if len(axes) == 1 and "" not in axes else []
+    return [("revolute", next(iter(axes)))] if len(axes) == 1 and "" not in axes else []
+
+
+def _kinds(
+    mechanism: Mechanism, pairs: Sequence[Loop], flat: Sequence[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """Kinds to try with their axis: hinges of a plane chain, or pins where its axes are rounded.
+
+    Hinges about an axis that both ends of each pair have in common hold more than balls do, so
+    that where all freedoms are left (Bennett's linkage, a spherical wrist) they are meant.
+    """
     shared = [_shared(mechanism, pair) for pair in pairs]
     hinges = [("revolute", axis) for axis in shared[0] if all(axis in axes for axes in shared)]
-    return list(dict.fromkeys([*pin_about, *hinges, ("spherical", ""), ("weld", "")]))
+    pins = [("planar", axis) for _, axis in flat]
+    return list(dict.fromkeys([*flat, *hinges, *pins, ("spherical", ""), ("weld", "")]))
 
 
 def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, Array, int, int]:
@@ -358,8 +387,19 @@ def _at_home(mechanism: Mechanism, pair: Loop) -> tuple[pin.Model, pin.Data, Arr
     data = model.createData()
     J = pin.computeJointJacobians(model, data, mechanism.home).reshape(6, model.nv)[3:]
     pin.updateFramePlacements(model, data)
-    a, b = (model.getFrameId(name, pin.FrameType.BODY) for name in (pair.a, pair.b))
-    return model, data, J, a, b
+    return model, data, J, *_numbers(model, pair)
+
+
+def _numbers(model: pin.Model, pair: Loop) -> tuple[int, int]:
+    """Of the frames at both ends."""
+    a, b = (int(model.getFrameId(name, pin.FrameType.BODY)) for name in (pair.a, pair.b))
+    return a, b
+
+
+def _between(model: pin.Model, a: int, b: int) -> set[int]:
+    """Joints that move one of two frames alone; what carries both, as a column, moves neither."""
+    one, other = (set(model.supports[model.frames[f].parentJoint]) for f in (a, b))
+    return one ^ other
 
 
 def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
@@ -373,9 +413,9 @@ def _shared(mechanism: Mechanism, pair: Loop) -> list[str]:
 
 
 def _axis(mechanism: Mechanism, pair: Loop) -> str:
-    """x, y or z of frame a, the axis of all turning joints of both branches; "" if of not all."""
+    """x, y or z of frame a, the axis of all turning joints between the ends; "" if of not all."""
     model, data, J, *frames = _at_home(mechanism, pair)
-    joints = {j for f in frames for j in model.supports[model.frames[f].parentJoint] if j}
+    joints = _between(model, *frames)
     columns = [c for j in joints for c in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
     turns = J[:, columns]
     turns = turns[:, np.linalg.norm(turns, axis=0) > _NEAR]

@@ -91,6 +91,16 @@ def test_three_waypoints_come_in_go_out_and_are_the_same(
     assert again(t) == pytest.approx(motion(t), abs=1e-9)
 
 
+def test_a_spreadsheet_parts_by_semicolons_and_has_decimal_commas(tmp_path: Path) -> None:
+    rows = ["time [ms],b [deg],a", "0,0.5,0.25", "4,1.5,0.125", "8,2.5,0.0"]
+    plain = written(tmp_path, "\n".join(rows), "a.csv")
+    parted = [row.replace(",", ";").replace(".", ",") for row in rows]
+    other = written(tmp_path, "\n".join(parted), "b.csv")
+    assert pf.trajectory(other).spec == pf.trajectory(plain).spec
+    half = pf.trajectory(other)(0.004)
+    assert half == pytest.approx([np.radians(1.5), 0.125], rel=1e-12)  # a knot of the spline
+
+
 def test_a_message_of_ros2_topic_echo_and_one_in_a_goal(tmp_path: Path) -> None:
     plain = pf.trajectory(MESSAGE)
     goal = {"goal": {"trajectory": [{"joint_trajectory": MESSAGE}]}}

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -294,6 +295,7 @@ def test_a_jacobian_of_full_rank_is_never_called_singular(tmp_path: Path) -> Non
         error = assembly.singularity(J, m.rigid.closed, names, "home")
         assert re.search(words, str(error)), error
         assert "rank 3 of 3" not in str(error)
+        assert "Give a `home` away from this pose." in str(error)  # there is no path yet
         assert error.motion == "pin_joint"
         assert error.sigma_min == pytest.approx(ratio)
 
@@ -307,3 +309,30 @@ def test_a_wrong_axis_of_a_loop_is_compared_with_its_neighbours(tmp_path: Path) 
     assert re.search(hint, " ".join(check(m).warnings))
     with pytest.raises(pf.SingularityError, match=hint):  # another home ends in a singular pose
         pf.load(tmp_path / "scene.yaml", ["home=null"])
+
+
+def test_hinges_that_rounding_turned_are_told_so(tmp_path: Path) -> None:
+    """A parallelogram whose rocker is mounted by 1.57 for a right angle: 8e-4 rad off parallel."""
+    right = 1.57
+    bodies = (
+        Body("crank", "base", "revolute", **ROD),
+        Body("coupler", "crank", "revolute", (0.5, 0, 0), **ROD),
+        Body("coupler_end", "coupler", xyz=(1.0, 0, 0)),
+        Body("rocker", "base", "revolute", (1.0, 0, 0), (-right, 0, 0), axis=(0, -1, 0), **ROD),
+        Body("rocker_end", "rocker", xyz=(0.5, 0, 0), rpy=(np.pi / 2, 0, 0)),
+    )
+    yaml = """
+actuated: [crank_joint]
+loops: {pin: {kind: KIND, between: [coupler_end, rocker_end], axis: z}}
+home: {crank_joint: 1.0, coupler_joint: -1.0, rocker_joint: 1.0}
+"""
+    said = (
+        r'around loop "pin" \(.*rocker_joint.*\) are up to 0\.0008 rad off parallel.*kind: planar'
+    )
+    with pytest.raises(pf.AssemblyError, match=said):
+        load(tmp_path, bodies, yaml.replace("KIND", "revolute"))
+    assert load(tmp_path, bodies, yaml.replace("KIND", "planar")).report.mobility == 1
+    turned = (*bodies[:-1], Body("rocker_end", "rocker", xyz=(0.5, 0, 0)))
+    with pytest.raises(pf.AssemblyError, match="90 deg off the axes.*Turn one of the frames"):
+        load(tmp_path, [replace(b, rpy=(-np.pi / 2, 0, 0)) if b.rpy == (-right, 0, 0) else b
+                        for b in turned], yaml.replace("KIND", "revolute"))  # fmt: skip

@@ -9,6 +9,7 @@ Claims:
 from __future__ import annotations
 
 import gc
+import re
 from typing import Any
 
 import numpy as np
@@ -111,3 +112,8 @@ def test_a_motion_beyond_the_limits_of_the_urdf_is_named() -> None:
     assert "takes a speed" not in warned("motion.duration=0.51", "solve.until=0.51")  # 3.14 rad/s
     degrees = warned("motion.joints.shoulder_pan_joint=30")
     assert "shoulder_pan_joint gets to 30, outside the URDF's limits -6.28" in degrees
+    assert "Degrees? Write 90 deg" in degrees
+    # and where the mechanism cannot follow: a crank of a 3-RRS that stands at 1 rad is to go 20
+    move = "motion={kind: quintic, joints: {motor_1: 20}, duration: 1}"
+    far = " ".join(pf.check(pf.load("3rrs", [move])).warnings)
+    assert re.search(r"singular pose.*motor_1 gets to 21, outside.*Degrees\?", far)
