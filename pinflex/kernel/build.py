@@ -47,7 +47,7 @@ WASM_CALLS = (
     *("work_size", "residuals", "tangent", "closure_motion", "closures", "forces", "poses"),
     *("march", "begin", "correct_steps", "samples"),
 )
-WASM_INSIDE = ("retract",)  # functions of the sources themselves
+WASM_INSIDE = ("retract", "factors", "solve")  # functions of the sources themselves
 
 
 def fingerprint() -> str:
@@ -128,9 +128,9 @@ def compile_wasm(out: Path) -> Path:
 
 
 def wasm_name() -> str:
-    """File name of the kernel that a page carries: it says of which sources and flags it is."""
-    flags = hashlib.sha256(" ".join(WASM_FLAGS).encode()).hexdigest()[:4]
-    return f"kernel-{fingerprint()}-{flags}.wasm"
+    """File name of the kernel that a page carries: it says of what and for what it was compiled."""
+    made_by = " ".join((*WASM_FLAGS, *WASM_CALLS, *WASM_INSIDE))
+    return f"kernel-{fingerprint()}-{hashlib.sha256(made_by.encode()).hexdigest()[:4]}.wasm"
 
 
 def in_short(error: Exception) -> str:
