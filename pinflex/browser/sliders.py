@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from os.path import commonprefix
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 24_000  # bytes of all such sliders in a page
+_MOST = 30_000  # bytes of all such sliders in a page
 # Binary digits that changes of an entry are rounded to: fewer where links get shorter as they
 # bend, which is of second order, and for lines that are drawn, in 24.
 _DIGITS, _DIGITS_OF = 38, {"g": 31, "way": 26}
@@ -285,7 +284,8 @@ def _spanned(key: str, links: Iterable[str]) -> str:
     some = [link for link in links if any(fnmatchcase(link, part) for part in parts)]
     if len(some) < 2:
         return key
-    return f"{some[0]}–{some[-1][len(commonprefix(some)) :]}"
+    alike = next((k for k, x in enumerate(zip(*some, strict=False)) if len(set(x)) > 1), 0)
+    return f"{some[0]}\u2013{some[-1][alike:]}"
 
 
 def _is_number(value: Any) -> bool:
