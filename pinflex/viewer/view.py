@@ -97,7 +97,7 @@ def deflated(raw: bytes, level: int = _LEVEL) -> str:
     data = zlib.compress(raw, level)
     words = np.frombuffer(data + bytes(-len(data) % 4), ">u4").astype(np.int64)
     digits = words[:, None] // 85 ** np.arange(4, -1, -1) % 85
-    return _DIGITS[digits].tobytes()[: -(-5 * len(data) // 4)].decode("ascii")
+    return str(_DIGITS[digits].tobytes()[: -(-5 * len(data) // 4)], "ascii")
 
 
 def _coded(values: Array, count: int) -> tuple[float, int, bytes]:
