@@ -6,12 +6,12 @@ apart), and `pf.solve` within a hundredth of the page's tolerance.
 Claims:
     Pages, pictures, figures
     - a page that computes takes the native kernel's steps: torques at random sliders | native
-      kernel, 1e-9 (1e-8 of 3rrr) | 3.9e-12, 2.8e-10, 1.2e-9 (ur5, delta, 3rrr, 20 places each:
+      kernel, 1e-9 (1e-8 of 3rrr) | 3.5e-10, 2.7e-10, 1.2e-9 (ur5, delta, 3rrr, 20 places each:
       `python -m tests.benchmarks.live`)
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.35 to 7.3 times
     - a drag of a slider leaves frames to the animation: CPU of any task of the page's thread |
-      50 ms | 19 ms (`python -m tests.benchmarks.frames`)
+      50 ms | 20 ms (`python -m tests.benchmarks.frames`)
 """
 
 from __future__ import annotations
