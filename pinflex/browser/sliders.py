@@ -9,8 +9,9 @@ between them is measured here and told there. The speed of the move stretches ti
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 TIMES = "times"  # unit of factors
 _NODES = 6  # of what is no straight line
 _NOTHING = 1e-13  # of the largest entry: round-off of shapes
-_MOST = 24_000  # bytes of all such sliders in a page
+_MOST = 30_000  # bytes of all such sliders in a page
 # Binary digits that changes of an entry are rounded to: fewer where links get shorter as they
 # bend, which is of second order, and for lines that are drawn, in 24.
 _DIGITS, _DIGITS_OF = 38, {"g": 31, "way": 26}
@@ -168,7 +169,7 @@ def proposed(mechanism: Mechanism) -> list[Slider]:
     """Sliders that a scene may have, from its YAML."""
     raw = mechanism.description.blocks()
     moved = [*_speed(raw), *_shaper(mechanism, raw)]
-    return [*_payload(mechanism), *moved, *_damping(raw), *_gears(raw), *_sections(raw)]
+    return [*_payload(mechanism), *moved, *_damping(raw), *_gears(raw), *_sections(mechanism, raw)]
 
 
 def _payload(mechanism: Mechanism) -> list[Slider]:
@@ -261,7 +262,7 @@ def _gears(raw: dict[str, Any]) -> list[Slider]:
     return [Slider("gear", "gear stiffness", TIMES, 0.3, 3.0, 1.0, tuple(keys))] if keys else []
 
 
-def _sections(raw: dict[str, Any]) -> list[Slider]:
+def _sections(mechanism: Mechanism, raw: dict[str, Any]) -> list[Slider]:
     """The wall or thickness of the sections of each block of flexible links."""
     links, found = raw.get("flexible"), list[Slider]()
     for name, block in (links or {}).items() if isinstance(links, dict) else ():
@@ -270,11 +271,21 @@ def _sections(raw: dict[str, Any]) -> list[Slider]:
             if isinstance(section, dict) and _is_number(section.get(key)):
                 value = float(section[key])
                 keys = ((f"flexible.{name}.section.{key}", value, 1),)
-                label = f"{key} of {name}"
+                called, label = (f"{key} of {x}" for x in (name, _spanned(name, mechanism.parts)))
                 ends = 0.7, 1.4, 1.0
-                found.append(Slider(label, label, "mm", *ends, keys, 1e3 * value, "section"))
+                found.append(Slider(called, label, "mm", *ends, keys, 1e3 * value, "section"))
                 break
     return found
+
+
+def _spanned(key: str, links: Iterable[str]) -> str:
+    """Links of a key of `flexible` by the first and the last: arm_1–3 of arm_?."""
+    parts = [part.strip() for part in key.split(",")]
+    some = [link for link in links if any(fnmatchcase(link, part) for part in parts)]
+    if len(some) < 2:
+        return key
+    alike = next((k for k, x in enumerate(zip(*some, strict=False)) if len(set(x)) > 1), 0)
+    return f"{some[0]}\u2013{some[-1][alike:]}"
 
 
 def _is_number(value: Any) -> bool:

@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 STEPS = 2**20  # of the largest magnitude of an array
 Steps = npt.NDArray[np.int32]
 _LEVEL = 2  # of zlib: 4 takes half as long again for 4 % less
+_DIGITS = np.frombuffer(  # none that HTML escapes
+    b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_|~",
+    np.uint8,
+)
 _ALONG = 2  # differences along the second axis, at most
 _ENOUGH = 8  # entries of a second axis that may be smooth: fewer are components of a vector
 
@@ -64,7 +68,7 @@ class Coarse:
 
 
 def pack(data: Any) -> str:
-    """Lists, mappings, numbers, texts and arrays (time first) as base64 of deflated bytes."""
+    """Lists, mappings, numbers, texts and arrays (time first) as text of deflated bytes."""
     pieces: dict[tuple[Any, ...], dict[str, Any]] = {}
     size = 0
 
@@ -89,10 +93,12 @@ def pack(data: Any) -> str:
 
 
 def deflated(*parts: bytes, level: int = _LEVEL) -> str:
-    """Bytes as base64 of zlib's format."""
+    """Bytes in zlib's format, as text: a word of four is five digits, 6 % less than base64."""
     deflate = zlib.compressobj(level)
-    made = [deflate.compress(part) for part in parts]
-    return base64.b64encode(b"".join([*made, deflate.flush()])).decode()
+    data = b"".join([*[deflate.compress(part) for part in parts], deflate.flush()])
+    words = np.frombuffer(data + bytes(-len(data) % 4), ">u4").astype(np.int64)
+    digits = words[:, None] // 85 ** np.arange(4, -1, -1) % 85
+    return str(_DIGITS[digits].tobytes()[: -(-5 * len(data) // 4)], "ascii")
 
 
 def _coded(values: Array, count: int) -> tuple[float, int, bytes]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
-import zlib
 
 import numpy as np
 import pytest
 
 from tests.cli.small import call, write_model
+from tests.pages import inflated
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +31,7 @@ def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tm
     assert figure.stat().st_size > 2e4
     packed = re.search(r'id="pinflex-data">([^<]+)', page.read_text("utf-8"))
     assert packed is not None
-    data = zlib.decompress(base64.b64decode(packed[1]))
+    data = inflated(packed[1])
     assert data.count(b" off path") == 2  # a plot of each run
     exact, rigid = found["followed"]["exact"], found["followed"]["rigid"]
     assert exact["during"] < 1e-2 * rigid["during"]  # of 66 nm

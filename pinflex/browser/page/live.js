@@ -182,7 +182,7 @@ live.afresh = () => {
   soon("plots", curves);
   soon("table", openTable);
   soon("beam", openBeam);
-  soon("seek", () => seek(S.t));
+  if (!S.play) soon("seek", () => seek(S.t));       // else every frame does
 };
 function curves() {
   const done = drawChanged();                       // torques first

@@ -1,31 +1,5 @@
 /* settle.js: what a pose and its rates leave to be solved for, as pinflex.integrators.corrector and
 pinflex.levels.quasistatic have it: accelerations at samples inside steps, and the start in balance. */
-/* LU with row pivots of a matrix (n, n), row by row, in place; throws where it is singular. */
-function factored(A, n) {
-  const pivot = new Int32Array(n);
-  for (let k = 0; k < n; k++) {
-    let p = k;
-    for (let i = k + 1; i < n; i++) if (Math.abs(A[i * n + k]) > Math.abs(A[p * n + k])) p = i;
-    if (!(Math.abs(A[p * n + k]) > 0)) throw new Error("singular equations");
-    pivot[k] = p;
-    if (p !== k) for (let j = 0; j < n; j++) { const x = A[k * n + j]; A[k * n + j] = A[p * n + j]; A[p * n + j] = x; }
-    for (let i = k + 1; i < n; i++) {
-      const f = A[i * n + k] /= A[k * n + k];
-      if (f !== 0) for (let j = k + 1, a = i * n + j, b = k * n + j; j < n; j++) A[a++] -= f * A[b++];
-    }
-  }
-  return {A, n, pivot};
-}
-function solved({A, n, pivot}, b) {
-  for (let k = 0; k < n; k++) {
-    const p = pivot[k], x = b[p];
-    b[p] = b[k]; b[k] = x;
-  }
-  for (let i = 0; i < n; i++) { let x = b[i]; for (let j = 0, a = i * n; j < i; j++) x -= A[a++] * b[j]; b[i] = x; }
-  for (let i = n - 1; i >= 0; i--) { let x = b[i]; for (let j = i + 1, a = i * n + j; j < n; j++) x -= A[a++] * b[j]; b[i] = x / A[i * n + i]; }
-  return b;
-}
-
 /* The equations at states row by row. */
 class Equations {
   constructor(heap) {
@@ -60,30 +34,30 @@ class Equations {
   saddle(S, J, free = this.free) {
     const {nv, closures} = this.c, n = free.length, size = n + closures, A = new Float64Array(size * size), scale = new Float64Array(size).fill(1);
     for (let i = 0; i < n; i++) scale[i] = 1 / Math.sqrt(Math.max(Math.abs(S[free[i] * nv + free[i]]), 1e-300));
-    for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) A[i * size + j] = S[free[i] * nv + free[j]] * scale[i] * scale[j];
+    for (let j = 0; j < n; j++) for (let i = 0; i < n; i++) A[j * size + i] = S[free[i] * nv + free[j]] * scale[i] * scale[j];
     for (let k = 0; k < closures; k++) for (let i = 0; i < n; i++) A[(n + k) * size + i] = A[i * size + n + k] = J[k * nv + free[i]] * scale[i];
-    return {lu: factored(A, size), scale, n, size};
+    return {lu: this.factored("saddle", A, size), scale, n, size};
   }
-}
-function answer({lu, scale, size}, b) {
-  for (let i = 0; i < size; i++) b[i] *= scale[i];
-  solved(lu, b);
-  for (let i = 0; i < size; i++) b[i] *= scale[i];
-  return b;
-}
-/* y -= f x of rows of B (., n) */
-function less(B, n, y, x, f) { if (f !== 0) for (let k = 0, a = y * n, b = x * n; k < n; k++) B[a++] -= f * B[b++]; }
-/* The same for n columns of B (size, n): sums that do not wait for one another. */
-function answers({lu: {A, pivot}, scale, size}, B, n) {
-  const scaled = () => { for (let i = 0; i < size; i++) for (let k = 0; k < n; k++) B[i * n + k] *= scale[i]; };
-  scaled();
-  for (let i = 0; i < size; i++) if (pivot[i] !== i) for (let k = 0; k < n; k++) { const x = B[i * n + k]; B[i * n + k] = B[pivot[i] * n + k]; B[pivot[i] * n + k] = x; }
-  for (let i = 0; i < size; i++) for (let j = 0; j < i; j++) less(B, n, i, j, A[i * size + j]);
-  for (let i = size - 1; i >= 0; i--) {
-    for (let j = i + 1; j < size; j++) less(B, n, i, j, A[i * size + j]);
-    for (let k = 0; k < n; k++) B[i * n + k] /= A[i * size + i];
+  /* LU (kernel/source/lu.c) of a matrix (n, n), column by column, until the next of that name; throws where it is singular. */
+  factored(name, A, n) {
+    const {heap} = this, lu = this.put(name, A), pivot = this.take(name, n);
+    if (!heap.kernel.factors(lu, BigInt(n), pivot)) throw new Error("singular equations");
+    return {lu, pivot, n};
   }
-  scaled();
+  /* Answers to right-hand sides b (., n), in place. */
+  solved({lu, pivot, n}, b) {
+    const {heap} = this, x = this.put("sides", b);
+    for (let at = x, end = x + 8 * b.length; at < end; at += 8 * n) heap.kernel.solve(lu, BigInt(n), pivot, at);
+    b.set(heap.view(x, b.length));
+    return b;
+  }
+  answer({lu, scale, size}, b) {
+    const scaled = () => { for (let k = 0; k < b.length; k += size) for (let i = 0; i < size; i++) b[k + i] *= scale[i]; };
+    scaled();
+    this.solved(lu, b);
+    scaled();
+    return b;
+  }
 }
 
 /* Accelerations and multipliers that solve the equations at samples inside steps (integrators/inside.py):
@@ -116,14 +90,19 @@ function settleBlock(equations, states, block, h) {
   for (let round = 0; round < 8; round++) {
     const [r] = equations.residuals(rows, y, v, a, lam), open = closures ? equations.closureMotion(rows, y, v, a) : [];
     let far = 0;
-    for (let i = 0; i < n; i++) {
-      for (let k = 0; k < rows; k++) B[i * rows + k] = -r[k * nv + free[i]];
-      for (let j = 0; round && j < n; j++) { const f = soft[i * n + j]; if (f !== 0) for (let k = 0; k < rows; k++) B[i * rows + k] -= f * moved[j * rows + k]; }
+    for (let k = 0; k < rows; k++) {
+      for (let i = 0; i < n; i++) {
+        let x = -r[k * nv + free[i]];
+        if (round) for (let j = 0, f = i * n, m = k * n; j < n; j++) x -= soft[f++] * moved[m++];
+        B[k * size + i] = x;
+      }
+      for (let i = 0; i < closures; i++) B[k * size + n + i] = -open[k * closures + i];
     }
-    for (let i = 0; i < closures; i++) for (let k = 0; k < rows; k++) B[(n + i) * rows + k] = -open[k * closures + i];
-    answers(matrix, B, rows);
-    for (let i = 0; i < n; i++) for (let k = 0; k < rows; k++) { const x = B[i * rows + k]; moved[i * rows + k] += x; a[k * nv + free[i]] += x; far = Math.max(far, Math.abs(x)); }
-    for (let i = 0; i < closures; i++) for (let k = 0; k < rows; k++) lam[k * closures + i] -= B[(n + i) * rows + k];
+    equations.answer(matrix, B);
+    for (let k = 0; k < rows; k++) {
+      for (let i = 0; i < n; i++) { const x = B[k * size + i]; moved[k * n + i] += x; a[k * nv + free[i]] += x; far = Math.max(far, Math.abs(x)); }
+      for (let i = 0; i < closures; i++) lam[k * closures + i] -= B[k * size + n + i];
+    }
     first = Math.max(first, far);
     if (!(far <= 1e-6 * first)) continue;
     block.forEach((k, i) => { states.a.set(a.subarray(i * nv, (i + 1) * nv), k * nv); states.lam.set(lam.subarray(i * closures, (i + 1) * closures), k * closures); });
@@ -146,7 +125,7 @@ function afterJumps(equations, t, kicks, span, states) {
       const [r] = equations.residuals(1, y, v, a, lam), open = closures ? equations.closureMotion(1, y, v, a) : [], b = new Float64Array(size);
       free.forEach((i, j) => { b[j] = -r[i]; });
       open.forEach((c, i) => { b[n + i] = -c; });
-      answer(matrix, b);
+      equations.answer(matrix, b);
       free.forEach((i, j) => { a[i] += b[j]; });
       lam.forEach((c, i) => { lam[i] = c - b[n + i]; });
     }

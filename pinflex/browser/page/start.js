@@ -16,10 +16,10 @@ function closures(equations, n, y) {
   return [equations.heap.view(c, n * rows).slice(), equations.heap.view(J, n * rows * nv).slice()];
 }
 /* The square part of a Jacobian (rows, nv) in the passive columns, factored. */
-function passivePart(J, nv, passive) {
-  const n = passive.length, A = new Float64Array(n * n);
-  for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) A[i * n + j] = J[i * nv + passive[j]];
-  return factored(A, n);
+function passivePart(equations, J, passive) {
+  const {nv} = equations.c, n = passive.length, A = new Float64Array(n * n);
+  for (let j = 0; j < n; j++) for (let i = 0; i < n; i++) A[j * n + i] = J[i * nv + passive[j]];
+  return equations.factored("passive", A, n);
 }
 
 /* Poses of the rigid mechanism where the motors of the poses Y (n, nq) are: links straight, loops closed. */
@@ -35,7 +35,7 @@ function rigidPoses(heap, equations, Y, n) {
     if (worst < 1e-13) return out;
     const move = new Float64Array(nv);
     for (let k = 0; k < n; k++) {
-      const lu = passivePart(J.subarray(k * rows * nv, (k + 1) * rows * nv), nv, passive), step = solved(lu, c.slice(k * rows, (k + 1) * rows));
+      const lu = passivePart(equations, J.subarray(k * rows * nv, (k + 1) * rows * nv), passive), step = equations.solved(lu, c.slice(k * rows, (k + 1) * rows));
       passive.forEach((i, j) => { move[i] = -step[j]; });
       out.set(retracted(heap, out.subarray(k * nq, (k + 1) * nq), move), k * nq);
     }
@@ -52,10 +52,10 @@ function balanced(heap, equations, y, v, a) {
   const rates = (at) => {
     const V = v.slice(), A = a.slice();
     if (!moving) return [V, A];
-    const [, J] = closures(equations, 1, at), lu = passivePart(J, nv, passive);
+    const [, J] = closures(equations, 1, at), lu = passivePart(equations, J, passive);
     for (const [x, which] of [[V, 1], [A, 2]]) {
       const open = equations.closureMotion(1, at, V, which > 1 ? A : new Float64Array(nv), which);
-      const step = solved(lu, open);
+      const step = equations.solved(lu, open);
       passive.forEach((i, j) => { x[i] -= step[j]; });
     }
     return [V, A];
@@ -66,7 +66,7 @@ function balanced(heap, equations, y, v, a) {
     const matrix = equations.saddle(K, J), b = new Float64Array(n + rows), move = new Float64Array(nv);
     for (let i = 0; i < n; i++) b[i] = -r[free[i]];
     for (let k = 0; k < rows; k++) b[n + k] = -c[k];
-    answer(matrix, b);
+    equations.answer(matrix, b);
     let turn = 0;
     for (let i = 0; i < n; i++) turn = Math.max(turn, Math.abs(b[i]));
     const factor = Math.min(1, 0.3 / Math.max(turn, 1e-300));

@@ -1,6 +1,8 @@
 /* worker.js: the page's other thread. A message {id, settings} is answered in parts, each as soon as it
-is known: torque, shape, stress (at first at some samples), error; a newer message stops the older one between them. */
-let solvers = [], solver = null, wanted = null, busy = false;
+is known: torque, shape, stress (at first at some samples), error; a newer message stops the older one between them.
+What takes longest waits until a slider has rested. */
+const REST = 70, FREE = 0.5;                       // [ms]; time left to those that draw, of the time of an answer
+let solvers = [], solver = null, wanted = null, busy = false, wake = null;
 onmessage = async ({data}) => {
   if (data.wasm) {
     busy = true;
@@ -12,18 +14,28 @@ onmessage = async ({data}) => {
       postMessage({ready: true});
     } catch (error) { postMessage({failed: String(error.message || error)}); }
     busy = false;
-  } else wanted = data;
+  } else { wanted = data; wake?.(); }
   if (busy || !solver) return;
   busy = true;
   while (wanted) {
     const now = wanted, began = performance.now();
-    wanted = null;
+    wanted = null; waited = 0;
     try { await answerTo(now); } catch (error) { postMessage({id: now.id, failed: String(error.message || error)}); }
-    if (wanted) await new Promise((next) => { setTimeout(next, performance.now() - began); });   // in a drag half of the time is left to those that draw
+    const took = performance.now() - began - waited;
+    if (wanted && FREE * took > waited) await new Promise((next) => { setTimeout(next, FREE * took - waited); });
   }
   busy = false;
 };
 const breath = () => new Promise((next) => { const {port1, port2} = new MessageChannel(); port1.onmessage = next; port2.postMessage(0); });
+let waited = 0;                                    // [ms] by an answer
+/* Whether there is a newer message; up to some ms it is waited for. */
+async function newer(ms = 0) {
+  const from = performance.now();
+  await breath();
+  if (ms > 0 && !wanted) await new Promise((next) => { wake = next; setTimeout(next, ms); });
+  waited += performance.now() - from;
+  return wanted !== null;
+}
 const single = (x) => Float32Array.from(x);
 /* Answers give their arrays away: none is copied, and none may be of the kernel or of use here. */
 const give = (message) => postMessage(message, [...new Set(buffers(message))]);
@@ -31,7 +43,7 @@ const buffers = (x) => ArrayBuffer.isView(x) ? [x.buffer] : x && typeof x === "o
 
 async function answerTo({id, settings}, post = give) {
   solver = solvers[settings.shaper >= 0.5 ? 1 : 0];
-  const newer = async () => { await breath(); return wanted !== null; }, began = performance.now(), took = () => performance.now() - began;
+  const began = performance.now(), took = () => performance.now() - began - waited;
   const found = solver.states(settings), n = solver.t.length, {recovery, header} = solver, o = header.outputs, {once} = found;
   post({id, part: "torque", t: solver.t.slice(), torque: once.torque.slice(), steps: found.steps, took: took()});
   const poses = recovery.poses(n, once.y), still = solver.rigid(once, n), shapes = {}, bent = {}, bodies = {};
@@ -44,11 +56,11 @@ async function answerTo({id, settings}, post = give) {
   post({id, part: "shape", links: shapes, bodies, track: track && {...track, position: track.position.slice(), deviation: track.deviation.slice()}, rigid: rigidOf(still, n), took: took()});
   if (await newer()) return;
   /* First at some samples, with straight lines between them; then at all. */
-  const every = Math.floor(n / FIRST_SAMPLES), all = [...Array(n).keys()], some = all.filter((k) => k % every === 0 || k === n - 1);
+  const every = Math.max(1, Math.floor(n / FIRST_SAMPLES)), all = [...Array(n).keys()], some = all.filter((k) => k % every === 0 || k === n - 1);
   for (const which of every > 1 ? [some, all] : [all]) {
     const rough = which.length < n, stressed = stressesAt(which, found, bent, poses, still.poses);
     post({id, part: "stress", rough, ...(rough ? between(stressed, which, n) : stressed), took: took()});
-    if (await newer()) return;
+    if (await newer(rough ? REST - took() : 0)) return;
   }
   found.twice = found.again();
   const error = errorOf(once, found.twice, track);
@@ -73,6 +85,7 @@ function rigidOf(still, n) {
 /* Stresses and section forces of links, and forces of joints, at some samples of a run. */
 function stressesAt(which, found, bent, poses, still) {
   const {recovery, header} = solver, n = which.length, settled = solver.settled(found.once, found.steps, which), forces = recovery.forces(n, settled), fields = {}, sections = {}, full = solver.t.length;
+  found.settled ??= settled;                       // at some samples, or at all if these are few
   for (const link of header.outputs.links) {
     const d = bent[link.name].map((x) => n === full ? x : rowsOf(x, x.length / full, which)), {stress, force} = recovery.strained(link, n, settled.y, d, forces);
     fields[link.name] = Object.fromEntries(Object.entries(stress).map(([k, x]) => [k, single(x)]));
@@ -167,10 +180,10 @@ function errorOf(once, twice, track) {
   }
   return {...error, platform: over(apart, size)};
 }
-function stressError({once, twice, steps}, which) {
+function stressError({settled, twice, steps}, which) {
   const {recovery, header} = solver, n = which.length;
-  const [a, b] = [once, twice].map((states) => {
-    const s = solver.settled(states, steps, which), forces = recovery.forces(n, s);
+  const [a, b] = [settled, solver.settled(twice, steps, which)].map((s) => {
+    const forces = recovery.forces(n, s);
     return header.outputs.links.map((link) => recovery.strained(link, n, s.y, recovery.bending(link, n, s.y), forces).stress.von_mises);
   });
   return Math.max(...b.map((y, link) => over(y.reduce((far, v, i) => Math.max(far, Math.abs(v - a[link][i])), 0), Math.max(...y))));

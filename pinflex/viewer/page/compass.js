@@ -11,7 +11,7 @@ function turnCompass() {
       el("line", {x1: m, y1: m, x2: m + ARM * p.x, y2: m - ARM * p.y}),
       el("text", {x: m + (ARM + 8) * p.x, y: m - (ARM + 8) * p.y + 4, "text-anchor": "middle"}, name)))));
   }
-  const distance = viewer.camera.position.distanceTo(viewer.controls.target), pixel = 2 * distance * Math.tan(FOV * Math.PI / 360) / (viewer.pane.clientHeight || 1);
+  const distance = viewer.camera.position.distanceTo(viewer.controls.target), pixel = 2 * distance * Math.tan(FOV * Math.PI / 360) / viewer.size[1];
   const length = nice(70 * pixel), wide = Math.round(length / pixel), text = length >= 1 ? `${+length.toPrecision(2)} m` : `${+(1e3 * length).toPrecision(2)} mm`;
   if (rulerAt === text + wide) return;
   rulerAt = text + wide;

@@ -55,8 +55,9 @@ function showVerdicts() {
 /* ---------------------------------------------------------------- marks over the drawing */
 const screen = V();
 function project(x, y, z) {
+  const [w, h] = viewer.size;                      // asked of the page, it would be laid out once more
   screen.set(x, y, z).project(viewer.camera);
-  return [(screen.x + 1) / 2 * $("stage").clientWidth, (1 - screen.y) / 2 * $("stage").clientHeight, screen.z];
+  return [(screen.x + 1) / 2 * w, (1 - screen.y) / 2 * h, screen.z];
 }
 /* "rod_3, 3.1 MPa, 1 % of yield": of a limit set by hand where there is one */
 function peakText(b, v, f) {
@@ -89,7 +90,7 @@ const OUT = 20;                                    // [px] beyond the edge: what
 function place() {
   if (!R || !scene) return;
   viewer.camera.updateMatrixWorld();
-  const want = wantedMarks(), wide = $("stage").clientWidth, taken = [];
+  const want = wantedMarks(), [wide] = viewer.size, taken = [];
   while (marks.length < want.length) { const m = el("div"); $("labels").append(m); marks.push(m); }
   marks.forEach((m, i) => {
     m.hidden = i >= want.length || want[i][0] !== "peak" && Math.abs(want[i][2][0] - wide / 2) > wide / 2 + OUT;

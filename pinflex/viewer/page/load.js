@@ -2,9 +2,16 @@
 function fail(text) { document.getElementById("app").textContent = text; throw new Error(text); }
 if (!window.DecompressionStream) fail("This browser is too old to unpack the page. Firefox 113, Safari 16.4, Chrome 80 and all later ones can.");
 
+/* Text of base 85 (view.deflated): five digits are four bytes; at the end, of fewer digits the bytes that they tell. */
+const DIGITS = new Uint8Array(128);
+[..."0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%()*+,-./:;=?@[]^_|~"].forEach((c, i) => { DIGITS[c.charCodeAt(0)] = i; });
 async function inflated(id) {
-  const text = atob(document.getElementById(id).textContent), bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+  const text = document.getElementById(id).textContent, bytes = new Uint8Array(Math.floor(4 * text.length / 5));
+  for (let i = 0, o = 0; i < text.length; i += 5) {
+    let word = 0;
+    for (let j = i; j < i + 5; j++) word = 85 * word + (j < text.length ? DIGITS[text.charCodeAt(j)] : 84);
+    for (let k = 24; k >= 0; k -= 8) bytes[o++] = word >>> k;
+  }
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }

@@ -1,5 +1,5 @@
 export {
-  BoxGeometry, BufferAttribute, BufferGeometry, CanvasTexture, ColorManagement, ConeGeometry,
+  BoxGeometry, BufferAttribute, BufferGeometry, ColorManagement, ConeGeometry,
   CustomBlending, CylinderGeometry, DataTexture, DirectionalLight, Float32BufferAttribute, Fog,
   GridHelper, Group, HemisphereLight, LinearFilter, LinearSRGBColorSpace, Matrix4, Mesh,
   MeshBasicMaterial, MeshPhongMaterial, OneFactor, OneMinusSrcAlphaFactor, PCFShadowMap,

@@ -130,6 +130,7 @@ def test_a_section_between_the_tables_is_off_by_no_more_than_is_told():
     description = pf.load("3rrr").description
     sliders = [s for s in proposed(pf.load("3rrr")) if s.acts == "section"]
     found = changes(description, sliders, tables_of, [])
+    assert [s.label for s in found.sliders] == ["thickness of distal_1\u20133"]
     change = found.changes["thickness of distal_?"]
     assert 0.0 < change.error < 1e-9  # cubes of the thickness by a fifth degree; rounding 1.5e-11
     there, here = (
