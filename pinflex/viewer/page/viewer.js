@@ -14,9 +14,9 @@ class Viewer {
     this.renderer.domElement.setAttribute("aria-hidden", "true");
     pane.append(this.renderer.domElement);
     const full = still ? sharp || 1 : soft ? 2 : Math.min(devicePixelRatio, 2);
-    this.ratios = [full];                          // at rest the first; in motion one of them
-    while (!still && this.ratios.at(-1) * Math.SQRT1_2 > LEAST_RATIO) this.ratios.push(this.ratios.at(-1) * Math.SQRT1_2);
-    Object.assign(this, {level: soft && !still ? this.ratios.findIndex((x) => x < 1) : 0, gaps: [], patience: RUN, row: 0, began: 0, still: REST, asked: 0, size: [1, 1], recording: false, coarse: false});
+    const ratios = [full];                         // at rest the first; in motion one of them, none finer than the screen
+    while (!still && ratios.at(-1) * Math.SQRT1_2 > LEAST_RATIO) ratios.push(ratios.at(-1) * Math.SQRT1_2);
+    Object.assign(this, {ratios, level: soft && !still ? ratios.findIndex((x) => x < 1) : 0, sharpest: Math.max(0, ratios.findIndex((x) => x < 1.01 * Math.max(1, devicePixelRatio))), gaps: [], patience: RUN, row: 0, began: 0, still: REST, asked: 0, size: [1, 1], recording: false, coarse: false});
     this.scene = new THREE.Scene();
     this.scene.fog = new THREE.Fog(0xf3f6fa, 1, 10);
     this.world = new THREE.Group();                // light, grid and ground of the run shown
@@ -71,7 +71,7 @@ class Viewer {
     const {gaps, ratios} = this, gap = now - this.began;
     this.row = this.still === 0 ? this.row + 1 : 0;
     this.began = now;
-    if (++this.still === REST && this.coarse) this.render();
+    if (++this.still === REST && this.renderer.getPixelRatio() < ratios[0]) this.render();
     if (this.busy || this.row < 3) return;
     gaps.push(gap);
     const middle = gaps.slice(-5).sort((a, b) => a - b)[2];
@@ -82,7 +82,7 @@ class Viewer {
       this.rose = false;
       gaps.length = 0;
     } else if (gaps.length >= this.patience) {
-      this.rose = this.level > 0 && gaps.reduce((a, b) => a + b) < FAST * gaps.length;
+      this.rose = this.level > this.sharpest && gaps.reduce((a, b) => a + b) < FAST * gaps.length;
       if (this.rose) this.level--;
       gaps.length = 0;
     }
