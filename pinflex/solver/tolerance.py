@@ -315,6 +315,7 @@ class _OneRun:
 
 _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
+_COARSEST = 8e-3  # resolution under a digital controller: a coarser run is no measure of the next
 _CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
 _ABRUPT = 3  # the same with contacts, which multiply what runs differ by: the last is answered then
@@ -366,7 +367,7 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
         return scene.resolved(t, resolution, progress, coarser, pilot, finer)
 
     abrupt = scene.sticks or scene.bends
-    first, gain = (_STICKING * tol, 1.0) if abrupt else (8.0 * tol, 3.0)
+    first, gain = (_STICKING * tol, 1.0) if abrupt else (min(8.0 * tol, _COARSEST), 3.0)
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
     return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
