@@ -249,7 +249,9 @@ def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
         follow=(True,) * 6, rigid_torque=(True,) * 6,
     )  # fmt: skip
     # from limit to limit of 28 N m, but for a few samples
-    with pytest.raises(pf.ConvergenceError, match=r"wrist_3_joint \(by 5[56]\S* each time") as error:
+    with pytest.raises(
+        pf.ConvergenceError, match=r"wrist_3_joint \(by 5[56]\S* each time"
+    ) as error:
         pf.solve("ur5", level="coupled", control=control, until=0.2, tol=1e-2)
     assert error.value.result.meta["cost"]["runs"] == 3
 
