@@ -24,7 +24,7 @@ from pinflex.advice import error_bars
 from pinflex.advice import reduced_models as fewer
 from pinflex.advice.error_bars import finer_model
 from pinflex.advice.probe import RESOLVED, Probe
-from pinflex.advice.reduced_models import SAFETY, Advice, Errors, LeftOut, error_bar
+from pinflex.advice.reduced_models import SAFETY, Advice, Errors, LeftOut
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
@@ -455,9 +455,11 @@ class _Study:
         apart = self.outputs.histories(self.probe.rigid(), best)
         if keys[0] not in apart:
             return
-        far = float(np.max(apart[keys[0]].size, initial=0.0))
-        share = platform_allowed(far, self.tol, self.plain.band) / max(far, STILL)
-        self.plain = replace(self.plain, allowed=dict.fromkeys(keys, share))
+        far = {k: max(float(np.max(apart[k].size, initial=0.0)), STILL) for k in keys}
+        share = platform_allowed(far[keys[0]], self.tol, self.plain.band) / far[keys[0]]
+        self.plain = replace(
+            self.plain, allowed=dict.fromkeys(keys, share), sizes=far if share > self.tol else {}
+        )
 
     def _verify(self, best: Run, left: Errors) -> float:
         """Hold the corrected motion against the coupled one; seconds that all of that would take.
@@ -488,8 +490,10 @@ class _Study:
     def _choose(self, levels: dict[str, Errors], seconds: dict[str, float]) -> tuple[str, str]:
         """The cheapest level whose error bars fit, and why."""
         lower = ("rigid", "quasistatic", "ked")
-        bars = {name: _worst(levels[name]) for name in lower}
-        known = [f"{name} {error_bar(e)}" for name, e in bars.items() if np.isfinite(e)]
+        known = [
+            f"{name} {self.plain.worst(levels[name])}"
+            for name in lower if np.isfinite(_worst(levels[name]))
+        ]  # fmt: skip
         rigid, still, ked = (self.plain.used(levels[name]) <= 1.0 for name in lower)
         why = f"error bars: {', '.join(known)}" if known else "no lower level could be measured"
         if rigid:

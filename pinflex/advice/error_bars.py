@@ -233,8 +233,7 @@ def output_differences(a: Result, b: Result, free: bool = False) -> dict[str, fl
     found |= link_differences(a, b)
     found |= _platform_of_runs(a, b, free)
     if not found or not any(found.values()):
-        q = "joint/v"
-        found["joint speeds"] = _ratio([a.array(q)], [b.array(q)])
+        found["joint speeds"] = _ratio([a.array("joint/v")], [b.array("joint/v")])
     return {key: e for key, e in found.items() if e is not None}
 
 
@@ -399,15 +398,14 @@ def _only_by_a_run(
 ) -> bool:
     """Whether a scene cannot be looked at cheaply."""
     spec, control = mechanism.description.solve, options.get("control")
-    acting = control if control is not None else mechanism.description.control
     return bool(
         settings.get("drive", spec.drive) == "torque"
-        or acting
+        or (mechanism.description.control if control is None else control)
         or options.get("start_speeds")
         or spec.start_speeds
         or settings.get("clearances")  # a look knows ideal joints only
         or mechanism.flexible.loads.timed  # what a blow rings first is too fast for a look
-        or mechanism.report.mobility != len(mechanism.rigid.motors)
+        or free(mechanism)
     )
 
 
@@ -570,10 +568,9 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
 
 def differences(a: Look, b: Look) -> Errors:
     """Largest differences of what two models do, relative as in `pinflex.levels.outputs`."""
-    found: Errors = {}
+    found, mine, theirs = Errors(), {}, {}
     if a.run.torque.shape[1] and np.any(b.run.torque):
         found["torque"] = relative(a.run.torque, b.run.torque)
-    mine, theirs = {}, {}
     for link, (at, moved) in b.deflections.items():
         mine[link], theirs[link] = 0.0 * moved, moved
         if link in a.deflections:

@@ -6,8 +6,10 @@ leaving something out costs one cheap march (pinflex.advice.probe) and no new mo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf, isfinite
 from typing import Any
 
@@ -24,7 +26,7 @@ from pinflex.mechanics.evaluation.compiled import per_body
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, resolve
 from pinflex.report import Block, Report, Reported, bullets, lines, table
-from pinflex.results.verdict import BAND, criterion
+from pinflex.results.verdict import BAND, criterion, rounded_length
 from pinflex.text import frozen, percent
 
 Errors = dict[str, float]
@@ -357,6 +359,7 @@ class Advice(Reported):
         asked: Some of torque, deflection, platform.
         band: Distance of the platform that does no harm [m].
         allowed: Errors that may be, by output: more than `tol` where they are within the band.
+        sizes: Of what the band decides, largest in the run [m | rad]: errors are shares of it.
         level: rigid, quasistatic, ked or coupled.
         run_tol: `solve.tol` of the run (levels quasistatic and coupled), or None.
         overrides: "key=value" changes of the YAML, for `load` or --set.
@@ -375,6 +378,7 @@ class Advice(Reported):
     level: str = "coupled"
     band: float = BAND
     allowed: Errors = field(default_factory=dict)
+    sizes: Errors = field(default_factory=dict)
     run_tol: float | None = None
     overrides: tuple[str, ...] = ()
     error: Errors = field(default_factory=dict)
@@ -388,6 +392,19 @@ class Advice(Reported):
     def used(self, error: Errors) -> float:
         """The largest error, each as a share of what is allowed."""
         return max((e / self.allowed.get(k, self.tol) for k, e in error.items()), default=0.0)
+
+    def bar(self, output: str, error: float) -> str:
+        """An error bar in words, of what the band decides as a length or an angle."""
+        if output not in self.sizes or error == inf:
+            return error_bar(error)
+        said = rounded_length(error * self.sizes[output])
+        return re.sub("m$", "rad", said) if output.endswith("rotation") else said
+
+    def worst(self, error: Errors) -> str:
+        """The bar that uses most of what is allowed; where the band decides, of which output."""
+        output = max(error, key=lambda k: error[k] / self.allowed.get(k, self.tol), default="")
+        said = self.bar(output, error.get(output, 0.0))
+        return f"{said} ({output})" if self.sizes and output else said
 
     def as_report(self) -> Report:
         """Proposal, how to follow it, its error bars, and the price of what is left out."""
@@ -407,10 +424,9 @@ _DOES = {
 def report(a: Advice, model: str | None = None, whole: bool = True) -> Report:
     """Proposal, error bars, how to follow it; and the price of what is out."""
     n, rich, elastic = a.coordinates
-    far = max(a.error.values(), default=0.0)
-    missed = a.used(a.error) > 1.0
-    most = error_bar(far) if far > 1.0 else f"up to {error_bar(far)}"
-    reached = f"NOT REACHED: error bars {most}" if missed else "reached"
+    far = a.worst(a.error)
+    most = f"up to {far}" if far[0].isdigit() else far
+    reached = f"NOT REACHED: error bars {most}" if a.used(a.error) > 1.0 else "reached"
     of = f" (levels: model of {rich} coordinates)" if a.levels else ""
     deflection = f", deflection within {percent(a.tol)}" * ("deflection" in a.asked)
     return Report(f"{a.name}: advice", (
@@ -437,19 +453,12 @@ def _bars(title: str, a: Advice) -> Block:
     if not rows:
         return ""
     outputs = list(next(iter(rows.values())))
-    most = {k: a.allowed.get(k, a.tol) for k in outputs}
-    allowed = {k: percent(share) for k, share in most.items()}
-
-    def show(key: str) -> Callable[[Any], str]:
-        # Beyond the reference itself numbers matter only where so much is allowed.
-        bar = error_bar if most[key] <= 1.0 else percent
-        return lambda e: e if isinstance(e, str) else bar(e)
-
+    rows["allowed"] = {k: a.allowed.get(k, a.tol) for k in outputs}
     records = [{"level": name, **error} for name, error in rows.items()]
-    columns = [(k, k, show(k)) for k in outputs]
+    columns = [(k, k, partial(a.bar, k)) for k in outputs]
     missing = [name for name in a.levels if name not in known]
     return (
-        table(title, [*records, {"level": "allowed", **allowed}], "level", *columns, names=(18,)),
+        table(title, records, "level", *columns, names=(18,)),
         f"Not measured: {', '.join(missing)}." if missing else "",
     )
 

@@ -162,7 +162,7 @@ the effect of payload, stiffness and friction 5 % off. With --robot, MODEL is a 
 the rigid robot allow, with --shaper shaped.""",
     "pinflex move delta --to x=0.305 --to y=0 --to z=0 --like 0.3 --settle 50um",
     (
-        repeated("--to", "NAME=VALUE,...", "displacements of motors or of the platform, SI"),
+        repeated("--to", "NAME=VALUE,...", "displacements of motors or the platform: SI, mm, deg"),
         option("--robot", metavar="ROBOT", help="retime the trajectory MODEL for this robot"),
         option("--shaper", choices=("zv", "zvd", "ei"), help="shape what --robot retimes"),
         parameter(

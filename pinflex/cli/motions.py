@@ -196,22 +196,44 @@ def _say(line: str) -> None:
         sys.stderr.flush()
 
 
-def _pairs(texts: list[str], option: str) -> dict[str, float]:
-    """Numbers by name, of NAME=VALUE,...; lengths and angles by their unit, % a hundredth."""
-    from pinflex.description.reading.schema import measured
+def _pairs(texts: list[str], option: str) -> dict[str, str]:
+    """Texts by name, of NAME=VALUE,..."""
+    parts = [text.partition("=") for text in (",".join(texts).split(",") if texts else ())]
+    for name, sign, value in parts:
+        if not sign:
+            raise _no_pair(option, name + value)
+    return {name.strip(): value.strip() for name, _, value in parts}
 
-    pairs = {}
-    for text in ",".join(texts).split(",") if texts else ():
-        name, _, value = text.partition("=")
-        try:
-            number = float(measured(measured(value.strip().removesuffix("%"), "length"), "angle"))
-        except ValueError:
-            raise DescriptionError(
-                f"--{option} {text}: write NAME=VALUE: a number, a length or an angle with its "
-                "unit (300mm, 50deg), or a share (20%)."
-            ) from None
-        pairs[name.strip()] = number / (100.0 if value.strip().endswith("%") else 1.0)
-    return pairs
+
+def _no_pair(option: str, text: str) -> DescriptionError:
+    may = {"to": "number, 300mm where it slides or 50deg where it turns", "robust": "share, 20%"}
+    return DescriptionError(f"--{option} {text}: write NAME=VALUE, VALUE a {may[option]}.")
+
+
+def _displacements(mechanism: pf.Mechanism, texts: list[str]) -> dict[str, float]:
+    """What moves by how much (m | rad), of --to: a unit is one of what its name moves."""
+    from pinflex.description.description import without_units
+
+    pairs = _pairs(texts, "to")
+    target = "joints" if set(pairs) <= set(mechanism.motors) else "platform"
+    types = {name: joint.type for name, joint in mechanism.description.tree().joints.items()}
+    found: Any = without_units({target: pairs}, types)
+    return {name: _float(x, "to", f"{name}={x}") for name, x in found[target].items()}
+
+
+def _float(value: Any, option: str, text: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise _no_pair(option, text) from None
+
+
+def _shares(texts: list[str]) -> dict[str, float]:
+    """By name, of --robust: per cents or parts of one."""
+    return {
+        name: _float(x.removesuffix("%"), "robust", f"{name}={x}") / (100 if x[-1:] == "%" else 1)
+        for name, x in _pairs(texts, "robust").items()
+    }
 
 
 def run_move(args: argparse.Namespace) -> int:
@@ -224,14 +246,14 @@ def run_move(args: argparse.Namespace) -> int:
         return _retimed(args)
     if args.shaper:
         raise DescriptionError("--shaper: it goes with --robot. --baselines has all shapers.")
-    to, robust = _pairs(args.to, "to"), _pairs(args.robust, "robust")
-    if not to:
+    robust = _shares(args.robust)
+    if not args.to:
         raise DescriptionError("--to: say what moves, such as --to x=0.3.")
     if "settle" not in values(args):
         raise DescriptionError("--settle: say within what the platform is still, such as 50um.")
     check_files(args.plot, args.output, args.page)
     mechanism = load_model(args)
-    limits: dict[str, Any] = {}
+    to, limits = _displacements(mechanism, args.to), dict[str, Any]()
     if args.like:
         joints = set(to) <= set(mechanism.motors)
         moved = pf.quintic(**({"joints": to} if joints else {"platform": to}), duration=args.like)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.arrays import Array
-from pinflex.description.motions.laws import cells
+from pinflex.description.motions.laws import cells, headed
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.report import Table
@@ -33,10 +33,15 @@ Columns = dict[str, Array]
 _UNIVERSAL = (".uff", ".unv", ".uf")
 _RESPONSE = 4  # function type of a frequency response function, data set 58
 _SI = r"(?:rad|Hz|kg|Pa|N|m|s|V|A|1|-)(?:\^-?\d)?"
-_MULTIPLES = {
-    "deg": math.pi / 180, "mm": 1e-3, "um": 1e-6, "ms": 1e-3, "kHz": 1e3, "MPa": 1e6, "GPa": 1e9,
-    "g": 9.80665,
+_MULTIPLES = {  # and what they are multiples of
+    "deg": (math.pi / 180, "rad"), "mm": (1e-3, "m"), "um": (1e-6, "m"), "ms": (1e-3, "s"),
+    "kHz": (1e3, "Hz"), "g": (9.80665, "m/s^2"),
 }  # fmt: skip
+_OF = {  # SI units of columns, by name or by its first word
+    "t": ("s",), "frequency": ("Hz",), "std": ("Hz",), "mode": (),
+    "joint": ("rad", "m", "rad | m"), "torque": ("N m", "Nm", "N", "N m | N"),
+}  # fmt: skip
+_PER = {"velocity": "/s", "acceleration": "/s^2"}
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _RATES = {8: "", 11: ".velocity", 12: ".acceleration"}  # specific data types of an ordinate
 
@@ -63,9 +68,9 @@ def _table(path: Path) -> Columns:
         raise DescriptionError(f"{path.name}: not a CSV: {error}. Give text in UTF-8.") from None
     if len(rows) < 2:
         raise DescriptionError(f"{path.name}: no rows. Give names in a line, then numbers below.")
-    heads = [name.rstrip("] ").partition("[") for name in rows[0]]
-    names = [name.strip() for name, _, _ in heads]
-    factors = [_factor(unit, f"{path.name}: {name.strip()}") for name, _, unit in heads]
+    heads = [headed(cell) for cell in rows[0]]
+    names = [name for name, _ in heads]
+    factors = [_factor(unit, name, path.name) for name, unit in heads]
     found: dict[str, list[float]] = {name: [] for name in names}
     for line, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
@@ -83,17 +88,36 @@ def _table(path: Path) -> Columns:
     return {name: np.array(values) for name, values in found.items()}
 
 
-def _factor(unit: str, where: str) -> float:
-    """Of a unit of a column, to SI; a unit that is one already has none."""
+def _factor(unit: str, name: str, where: str) -> float:
+    """Of a column, to SI."""
+    unit = re.sub(r"(?<=s)[2\u00b2]$", "^2", unit)
     first, over, rest = unit.partition("/")
-    if all(re.fullmatch(_SI, part) for part in re.split(r"[\s|/*()]+", unit) if part):
-        return 1.0
-    if first in _MULTIPLES and (not over or re.fullmatch(r"s(\^2)?|N", rest)):
-        return _MULTIPLES[first]
-    raise DescriptionError(
-        f"{where}: no unit that is read: [{unit}]. Allowed: SI, {', '.join(_MULTIPLES)}, also over "
-        "s, s^2 or N."
-    )
+    if "/" in name:  # of a response: an output over an input
+        factor, known = _MULTIPLES.get(first, (1.0, first))
+        parts = re.split(r"[\s|/*()]+", known + over + rest)
+        allowed = f"SI, {', '.join(_MULTIPLES)}, also over SI"
+        may = {unit: factor} if all(re.fullmatch(_SI, part) for part in parts if part) else {}
+    else:
+        may = _units(name)
+        allowed = ", ".join(may) or "none"
+    if unit in ("", "-", "1", *may):
+        return may.get(unit, 1.0)
+    raise DescriptionError(f"{where}: {name}: [{unit}] is no unit of it. Allowed: {allowed}.")
+
+
+def _units(name: str) -> dict[str, float]:
+    """Units that a column may have, with their factors to SI."""
+    words = name.removesuffix(".std").split(".")
+    rate = _PER.get(words[-1], "")
+    axis = words[-2 if rate else -1]
+    key = words[0] if words[0] in ("joint", "torque") else ".".join(words)
+    si = _OF.get(key, (("rad" if axis.startswith("r") else "m") + rate,))
+    return dict.fromkeys(si, 1.0) | {
+        multiple + x.removeprefix(base): factor
+        for x in si
+        for multiple, (factor, base) in _MULTIPLES.items()
+        if x == base or x.startswith(f"{base}/")
+    }
 
 
 def _checked(found: Columns, where: str) -> Columns:
@@ -172,7 +196,6 @@ def _place(
 _ALIKE = 0.2  # of a logarithm, of values among each other
 _NEAR = 0.6  # of a logarithm, to a factor of units: a scene may be so far off before its fit
 # Units that are written by mistake, by that which is meant: their values over the right ones.
-_SI = r"(?:rad|Hz|kg|Pa|N|m|s|V|A|1|-)(?:\^-?\d)?"
 _UNITS = {
     "Hz": {"rad/s": 2 * np.pi, "kHz": 1e-3, "rpm": 60.0},
     "m": {"mm": 1e3},

@@ -97,8 +97,12 @@ def test_an_advice_lets_off_what_the_band_allows_and_caps_what_is_all_wrong():
     error = {"torque": 0.04, "platform position": 2.0}
     found = Advice("arm", 0.05, ("torque", "platform"), level="rigid", error=error)
     assert found.used(error) == 40.0 and "NOT REACHED: error bars over 100 %" in str(found)
-    near = replace(found, allowed={"platform position": 2.5})  # of 20 um, within 50 um
+    far = {"platform position": 20e-6}
+    near = replace(found, allowed={"platform position": 2.5}, sizes=far)  # within 50 um
     assert near.used(error) == 0.8 and "arm: reached." in str(near)
+    bar, allowed = (" ".join(x.split()) for x in str(near).splitlines()[-3:-1])
+    assert (bar, allowed) == ("the proposal 4 % 40 um", "allowed 5 % 50 um")
+    assert near.worst({**error, "torque": 0.03}) == "40 um (platform position)"
 
 
 def test_every_command_that_takes_a_model_takes_json_and_set():

@@ -293,7 +293,10 @@ def test_the_command_writes_a_yaml_that_has_the_measured_frequencies(tmp_path, c
         ("frequency\n7,1\n", "2 values for 1 columns"),
         ("t,tip.q\n0,1\n1,1\n", "write joint.NAME"),
         ("t\n0\n1\n", "only t"),
-        ("frequency [rpm]\n7\n", r"no unit that is read: \[rpm\]"),
+        ("frequency [rad/s]\n7\n", r"frequency: \[rad/s\] is no unit of it. Allowed: Hz, kHz"),
+        ("t [s],tip.x [deg]\n0,1\n", r"tip\.x: \[deg\] is no unit of it. Allowed: m, mm, um"),
+        ("t [s],torque.a [m]\n0,1\n", r"torque\.a: \[m\] is no unit of it. Allowed: N m, "),
+        ("frequency,a.x/b.real [rpm/N]\n7,1\n", r"\[rpm/N\] is no unit of it. Allowed: SI, "),
     ],
 )
 def test_bad_files_say_what_to_write(text, said, tmp_path):
@@ -304,13 +307,18 @@ def test_bad_files_say_what_to_write(text, said, tmp_path):
 
 
 def test_units_in_brackets_are_converted(tmp_path):
-    plain = tmp_path / "si.csv"
-    plain.write_text("t [s],joint.a [rad],tip.z.velocity [m/s],torque.a [N m]\n0.5,0.25,-2e-3,3\n")
-    other = tmp_path / "other.csv"
-    head = "t [ms];joint.a [deg];tip.z.velocity [mm/s];torque.a [N m]"
-    other.write_text(f"{head}\n500;{np.degrees(0.25)};-2,0;3\n")
-    for name, values in columns(plain).items():
-        assert columns(other)[name] == pytest.approx(values, rel=1e-14)  # a multiplication
+    plain, other = tmp_path / "si.csv", tmp_path / "other.csv"
+    names = ["t", "joint.a", "tip.z.velocity", "tip.rx.velocity", "tip.x.acceleration", "torque.a"]
+    g = 9.80665
+    plain.write_text(f"{','.join(names)}\n0.5,{np.radians(2)},-2e-3,{np.radians(3)},{g},3\n")
+    units = ["[ms]", " (deg) ", "[mm/s]", "[deg/s]", "[g]", "[Nm]"]
+    rows = ";".join(map(" ".join, zip(names, units, strict=True))), "500;2;-2,0;3.0;1;3"
+    for sign in ";\t":
+        other.write_text("\ufeff" + "\n".join(rows).replace(";", sign) + "\n\n", "utf-8")
+        for name, values in columns(plain).items():
+            assert columns(other)[name] == pytest.approx(values, rel=1e-14)  # a multiplication
+    other.write_text("frequency [kHz],a.x/b.real [g/N],a.x/b.imag [m/(s^2 N)]\n7,1,1\n")
+    assert [float(x[0]) for x in columns(other).values()] == [7e3, g, 1.0]
 
 
 def test_a_search_that_leaves_what_can_be_built_turns_back():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import csv
 import operator
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -296,12 +297,20 @@ def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, 
 
 
 def cells(lines: Iterable[str]) -> list[list[str]]:
-    """The cells of each line of a CSV; parted by `;`, as spreadsheets do, commas are decimal."""
+    """The cells of each line of a CSV; parted by `;` or tabs, it has decimal commas or points."""
     rows = list(lines)
-    parted = bool(rows) and ";" in rows[0] and "," not in rows[0]
-    if parted:
+    sign = next((x for x in ";\t" if rows and x in rows[0] and "," not in rows[0]), ",")
+    if sign != ",":
         rows = [row.replace(",", ".") for row in rows]
-    return [next(csv.reader([row], delimiter=";" if parted else ",")) for row in rows]
+    return [next(csv.reader([row], delimiter=sign)) for row in rows]
+
+
+def headed(cell: str) -> tuple[str, str]:
+    """Name and unit of the head of a column, NAME [unit] or NAME (unit)."""
+    unit = re.search(r"\[(.*)\]\s*$|\((.*)\)\s*$", cell)
+    if unit is None:
+        return cell.strip(), ""
+    return cell[: unit.start()].strip(), (unit[1] or unit[2] or "").strip()
 
 
 def table(file: Any) -> dict[str, Any]:

@@ -302,8 +302,7 @@ def _numbers(
 
 def _column(head: str, where: str) -> tuple[str, str, float]:
     """Joint, field ("" for one that is left aside) and factor to SI of a column."""
-    found = re.fullmatch(r"(.*?)\s*(?:\[(.*)\])?", head)
-    label, unit = (found[1], found[2] or "") if found else (head, "")
+    label, unit = keys.headed(head)
     if label.lower() in _TIMES:
         if unit not in ("", "s", "ms"):
             raise keys.bad(f"{where}: {label}", f"no unit of time: [{unit}]. Allowed: [s], [ms].")

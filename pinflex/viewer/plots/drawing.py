@@ -138,6 +138,7 @@ def _set_names(ax: Axes, figure: Figure) -> None:
     scale, (left, below) = figure.dpi_scale_trans, _NAMES
     ax.yaxis.set_label_coords(0.0, 0.5, ax.transAxes + ScaledTranslation(-left, 0.0, scale))
     ax.xaxis.set_label_coords(0.5, 0.0, ax.transAxes + ScaledTranslation(0.0, -below, scale))
+    ax.ticklabel_format(axis="y", scilimits=(-3, 4))  # longer numbers would reach the name
 
 
 def legend_above(ax: Axes, count: int) -> None:

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 import pinflex as pf
 from pinflex.__main__ import main
-from pinflex.cli.motions import _pairs
+from pinflex.cli.motions import _displacements, _shares
 from pinflex.description.trajectories.profiles import double_s
 from pinflex.levels.ringing import Ringing
 from pinflex.quickest import fastest
@@ -507,10 +507,20 @@ def test_a_curve_and_motors_that_push_are_refused(tmp_path):
 
 
 def test_ends_may_have_their_unit():
-    assert _pairs(["j=90deg, x=-300 mm", "z=0.5"], "to") == pytest.approx(
-        {"j": np.pi / 2, "x": -0.3, "z": 0.5}, rel=1e-15
+    slider, turning = pf.load("3tpt"), pf.load("delta")
+    motor = turning.motors[0]
+    assert _displacements(slider, ["motor_1=20mm"]) == {"motor_1": 0.02}
+    assert _displacements(turning, [f"{motor}=90deg"]) == pytest.approx(
+        {motor: np.pi / 2}, rel=1e-15
     )
-    assert _pairs(["payload=20%"], "robust") == {"payload": 0.2}
-    for bad in ("j=90 grad", "j", "j="):
-        with pytest.raises(pf.DescriptionError, match=r"write NAME=VALUE: .*50deg"):
-            _pairs([bad], "to")
+    assert _displacements(turning, ["x=-300 mm,y=1e-2", "z=0.5"]) == pytest.approx(
+        {"x": -0.3, "y": 0.01, "z": 0.5}, rel=1e-15
+    )
+    assert _shares(["payload=20%,stiffness=0.1"]) == {"payload": 0.2, "stiffness": 0.1}
+    for bad in (f"{motor}=90 grad", motor, f"{motor}=", f"{motor}=20mm", "x=90deg", "x=20%"):
+        with pytest.raises(pf.DescriptionError, match=r"write NAME=VALUE, .*50deg"):
+            _displacements(turning, [bad])
+    with pytest.raises(pf.DescriptionError, match=r"motor_1=90deg: write NAME=VALUE"):
+        _displacements(slider, ["motor_1=90deg"])
+    with pytest.raises(pf.DescriptionError, match=r"payload=20mm: write NAME=VALUE, .*20%"):
+        _shares(["payload=20mm"])

@@ -20,6 +20,7 @@ from pinflex.results.result import Result, peak
 from pinflex.viewer import plot
 from pinflex.viewer.plot import amplitudes, highest, maxima
 from pinflex.viewer.plots import axes as figures
+from pinflex.viewer.plots.drawing import panels
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -230,3 +231,16 @@ def test_peaks_are_labelled_with_the_modes_they_may_be(flexible):
     labels = [text.get_text() for text in axes.texts]
     assert any(label.endswith("Hz\nmodes 1-3") for label in labels)
     assert not any("4" in label.partition("\n")[2] for label in labels)
+
+
+@pytest.mark.parametrize("size", [1.3e-5, 3e-4, 7.5e-4, 0.012, 4300.0, 15000.0, 2e5, 1.3e7])
+def test_the_name_of_an_axis_is_beside_its_numbers(size: float) -> None:
+    figure, axes = panels(2, 2)
+    ax = axes[0, 0]
+    ax.plot([0.0, 0.5, 1.0], [-size, size / 3, size])
+    ax.set_ylabel("difference [N m]")
+    agg = pytest.importorskip("matplotlib.backends.backend_agg")
+    agg.FigureCanvasAgg(figure).draw()
+    numbers = [x for x in ax.get_yticklabels() if x.get_text()]
+    right = ax.yaxis.label.get_window_extent().x1
+    assert right < min(x.get_window_extent().x0 for x in numbers)
