@@ -8,8 +8,9 @@ Claims:
     - a page that computes takes the native kernel's steps: torques at random sliders | native
       kernel, 1e-9 | 3.5e-10, 3.9e-11, 4.9e-10 (ur5, delta, 3rrr, 20 places each:
       `python -m tests.benchmarks.live`)
-    - how far its platform is off the rigid one, at the same places | native kernel, 1e-9; where 3rrr is
-      off by 2 um what a payload 1e-15 heavier changes, 1.7e-8 | 3.3e-10, 4.3e-11, 4.6e-9
+    - how far its platform is off the rigid one, at the same places | native kernel, 1e-9; where
+      3rrr is off by 2 um what a payload 1e-15 heavier changes, 1.7e-8 | 3.3e-10, 4.3e-11, 4.6e-9
+      (ur5, delta, 3rrr)
     - its stresses, in single precision, at the same places | native kernel, 1e-7 | 5.9e-8
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.35 to 7.3 times
