@@ -32,8 +32,7 @@ from pinflex.solver.solve import SAMPLES, scene_of
 
 # A table of a motion in half of its numbers: accelerations, and where each piece begins.
 
-_DIGITS = 2.0**-33  # of the largest acceleration: it has been differenced, and has no more
-_AGAIN = (1e-13, 1e-11, 1e-9)  # of the largest value: what positions and rates may be off by then
+_AGAIN = 1e-13, 1e-11  # of the largest value: what positions and rates may be off by then
 
 
 def _folded(table: Table, motors: int) -> dict[str, Array] | None:
@@ -43,9 +42,9 @@ def _folded(table: Table, motors: int) -> dict[str, Array] | None:
     (pieces, nodes, motors). once, twice: Integrals over the nodes from -1 on, shape (nodes, nodes).
     """
     node, half, value = table.node, table.half, table.value[..., : 3 * motors]
-    if not len(half) or np.any(table.value[..., 3 * motors :] != 1.0):  # shares of loads
+    n = len(node)  # in few pieces the integrals take more room than is saved
+    if len(half) < n or np.any(table.value[..., 3 * motors :] != 1.0):  # shares of loads
         return None
-    n = len(node)
     basis = np.linalg.inv(np.polynomial.chebyshev.chebvander(node, n - 1))
     once, twice = (
         np.polynomial.chebyshev.chebval(
@@ -53,13 +52,12 @@ def _folded(table: Table, motors: int) -> dict[str, Array] | None:
         ).T
         for k in (1, 2)
     )
-    step = _DIGITS * np.abs(value[..., 2 * motors :]).max(initial=0.0) or 1.0
-    a = np.round(value[..., 2 * motors :] / step) * step
-    h, x, v = half[:, None, None], value[..., :motors], value[..., motors : 2 * motors]
+    x, v, a = np.split(value, 3, axis=-1)
+    h = half[:, None, None]
     v0 = (v - h * (once @ a)).mean(axis=1, keepdims=True)
     x0 = (x - h * (node[:, None] + 1.0) * v0 - h * h * (twice @ a)).mean(axis=1, keepdims=True)
-    again = x0 + h * (node[:, None] + 1.0) * v0 + h * h * (twice @ a), v0 + h * (once @ a), a
-    for made, wanted, off in zip(again, (x, v, value[..., 2 * motors :]), _AGAIN, strict=True):
+    again = x0 + h * (node[:, None] + 1.0) * v0 + h * h * (twice @ a), v0 + h * (once @ a)
+    for made, wanted, off in zip(again, (x, v), _AGAIN, strict=True):
         if np.abs(made - wanted).max() > off * np.abs(wanted).max(initial=0.0):
             return None
     return {"start": np.concatenate([x0, v0], axis=1), "a": a, "once": once, "twice": twice}

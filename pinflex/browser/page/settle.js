@@ -60,16 +60,15 @@ class Equations {
   }
 }
 
-/* Accelerations and multipliers that solve the equations at samples inside steps (integrators/inside.py):
-in place, away from jumps; h: mean length of the steps, s; span: of the run, s. */
+/* Accelerations and multipliers that solve the equations at samples inside steps (integrators/corrector.py):
+in place, away from jumps; as they were where one does not converge. h: mean length of the steps, s; span: of the run, s. */
 function settle(equations, t, jumps, h, states, span) {
-  const near = 1e-9 * span, away = [...t.keys()].filter((k) => jumps.every((x) => Math.abs(t[k] - x) > near)), blocks = Math.min(13, Math.ceil(away.length / 8));
+  const before = {a: states.a.slice(), lam: states.lam.slice()}, near = 1e-9 * span, away = [...t.keys()].filter((k) => jumps.every((x) => Math.abs(t[k] - x) > near)), blocks = Math.min(13, Math.ceil(away.length / 8));
   for (let b = 0, from = 0; b < blocks; b++) {
     const size = Math.floor(away.length / blocks) + (b < away.length % blocks ? 1 : 0);
-    if (!settleBlock(equations, states, away.slice(from, from + size), h)) return false;
+    if (!settleBlock(equations, states, away.slice(from, from + size), h)) return Object.assign(states, before);
     from += size;
   }
-  return true;
 }
 function rowsOf(x, width, which) {
   const out = new Float64Array(which.length * width);
@@ -108,7 +107,7 @@ function settleBlock(equations, states, block, h) {
     block.forEach((k, i) => { states.a.set(a.subarray(i * nv, (i + 1) * nv), k * nv); states.lam.set(lam.subarray(i * closures, (i + 1) * closures), k * closures); });
     return true;
   }
-  const half = block.length >> 1;
+  const half = block.length + 1 >> 1;              // as numpy splits: other halves have other matrices
   return block.length > 1 && settleBlock(equations, states, block.slice(0, half), h) && settleBlock(equations, states, block.slice(half), h);
 }
 
