@@ -208,7 +208,7 @@ class Outputs:
 
 
 def bent(system: System, y: Array) -> dict[str, Array]:
-    """How far links and gears give way at poses y (n, nq), by output: sections [m] and gears [rad].
+    """How far links [m] and gears [rad | m] give way at poses y (n, nq), by output.
 
     Not the elastic coordinates of links: these have units and scales of their own.
     """
