@@ -35,7 +35,7 @@ REST = 1e-12  # m or rad
 # Outputs that are nothing to speak of below this, m or rad: so small a deflection is the round-off
 # of a link that is pressed between fixed ends.
 LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
-LEAST_SIZES["deflection"] = 1e-15
+LEAST_SIZES |= dict.fromkeys(("deflection", "gear deflection"), 1e-15)
 
 
 _Poses = tuple[Array, Array]  # positions (n, 3) in m and rotations (n, 3, 3)
@@ -60,7 +60,7 @@ class History(NamedTuple):
 
 
 class Outputs:
-    """What a tolerance is about: torques, elastic coordinates and the platform's pose."""
+    """What a tolerance is about: torques, deflections of links and gears, the platform's pose."""
 
     def __init__(
         self,
@@ -111,9 +111,9 @@ class Outputs:
         system, elastic = fine.system, fine.system.n_eta
         if "torque" in self._asked and fine.torque.shape[1]:
             found["torque"] = _history(coarse.torque - fine.torque, fine.torque)
-        n = int(system.rigid.nq)
         if elastic and "deflection" in self._asked:
-            found["deflection"] = _history(coarse.y[:, n:] - fine.y[:, n:], fine.y[:, n:])
+            mine, theirs = bent(coarse.system, coarse.y), bent(system, fine.y)
+            found |= {key: _history(mine[key] - x, x) for key, x in theirs.items()}
         if self.about_platform(system):
             found |= self._platform(coarse, fine, from_sample, first)
         if first is not None and (self._swings(fine) or not found):
@@ -205,6 +205,20 @@ class Outputs:
             y[:, :n] = first[:n] if rigid is None else rigid.q
             self._rigid = platform_poses(self._mechanism, self._dynamics or Equations(system), y)
         return self._rigid
+
+
+def bent(system: System, y: Array) -> dict[str, Array]:
+    """How far links [m] and gears [rad | m] give way at poses y (n, nq), by output.
+
+    Not the elastic coordinates of links: these have units and scales of their own.
+    """
+    of, eta = system.expansion, y[:, int(system.rigid.nq) :]
+    found = dict[str, Array]()
+    if len(of.sections):
+        found["deflection"] = eta @ of.sections.T
+    if of.drives:
+        found["gear deflection"] = eta[:, -len(of.drives) :]
+    return found
 
 
 def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from pinflex.levels.outputs import (
     REST,
     History,
     Outputs,
+    bent,
     between,
     platform_poses,
     relative_size,
@@ -92,12 +93,12 @@ def expected(
     force = r[:, n:] - (J[:, :, n:].swapaxes(1, 2) @ lam[:, :, None])[:, :, 0]
     eta = np.asarray(-np.linalg.solve(dynamics.strain.stiffness, force.T).T, dtype=float)
     weight = dynamics.strain.stiffness if scene.by_forces else _mass(dynamics, y[0])
-    sizes = {"torque": _largest(torque), "deflection": _largest(eta)}
+    pose = y.copy()
+    pose[:, dynamics.nq_rigid :] = eta
+    sizes = {key: _largest(x) for key, x in {"torque": torque, **bent(system, pose)}.items()}
     # Loops that are left open would let the platform go much farther.
     if mechanism.description.platform and not system.closed.n:
-        bent = y.copy()
-        bent[:, dynamics.nq_rigid :] = eta
-        p, R = platform_poses(mechanism, dynamics, np.concatenate([y, bent]))
+        p, R = platform_poses(mechanism, dynamics, np.concatenate([y, pose]))
         sizes["platform position"] = _largest(p[len(t) :] - p[: len(t)])
         sizes["platform rotation"] = _largest(between(R[: len(t)], R[len(t) :]))
     return Expected(_largest(np.sum((eta @ weight) * eta, axis=1)) ** 0.5, sizes)

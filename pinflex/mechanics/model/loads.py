@@ -5,6 +5,7 @@ Present only where a scene has them. A load is a world wrench W on a body; the r
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -100,6 +101,9 @@ class ElasticDrive:
     row: int
 
 
+_SECTIONS = 10  # of a link, beside its root: they show every mode that is not faint
+
+
 @frozen
 class Expansion:
     """An expanded model and the constant parts of its coordinate map.
@@ -129,6 +133,33 @@ class Expansion:
     def last(self) -> dict[bytes, tuple[Array, Array]]:
         """Where the joints were last, see `pinflex.mechanics.reference.evaluator.Placing`."""
         return {}
+
+    @cached_property
+    def sections(self) -> Array:
+        """How far sections of links move [m] by elastic coordinates, to first order: (n, n_eta).
+
+        In the beam frame at the link's root, without rows of zeros. Where none moves, since links
+        only twist, how far they turn [rad].
+        """
+        number, known, found = Counter(slot.link for slot in self.slots), {}, list[Array]()
+        tips = dict[str, Array]()  # of the body before in a link, on which the next one rides
+        for slot in self.slots:
+            body, count = slot.body, max(1, _SECTIONS // number[slot.link])
+            x = np.linspace(body.length, 0.0, count + 1)
+            if (key := (id(body), count)) not in known:  # equal links share their body
+                known[key] = body.fields(x)["deflection"]
+            moved = np.zeros((len(x), 6, self.n_eta))  # u v w rx ry rz
+            moved[:, :, slot.eta] = known[key]
+            if (tip := tips.get(slot.link)) is not None:
+                moved += tip
+                moved[:, 1] += x[:, None] * tip[5]
+                moved[:, 2] -= x[:, None] * tip[4]
+            tips[slot.link] = moved[0]
+            found.append(moved)
+        rows = np.concatenate([np.zeros((0, 6, self.n_eta)), *found])
+        places, turns = rows[:, :3].reshape(-1, self.n_eta), rows[:, 3]
+        rows = places if places.any() else turns
+        return np.asarray(rows[rows.any(axis=1)])
 
 
 def gear_name(joint: str) -> str:

@@ -21,6 +21,7 @@ import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.description.description import model_names
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.recovery.links import deflections
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -221,3 +222,24 @@ def test_a_massless_frame_nobody_asks_for_costs_no_section(tmp_path: Path) -> No
     assert count[0] == count[1]
     asked = load(tmp_path, idle, BEAM + END + "frames: [sticker]\n")
     assert asked.flexible.expansion.model.njoints > count[0]
+
+
+def test_rows_of_sections_are_the_small_deflections_of_a_result() -> None:
+    """Of links in two bodies, the second of which rides on the tip of the first."""
+    m = pf.load("delta", ["flexible.*.segments=2"])
+    eta = 1e-7 * np.random.default_rng(4).standard_normal((3, m.flexible.n_eta))
+    y = np.array([bent(m, x) for x in eta])
+    moved = deflections(Equations(m.flexible), y).values()
+    every = np.concatenate([x.reshape(3, -1) for _, x in moved], axis=1)
+    found = eta @ m.flexible.expansion.sections.T
+    away = [np.abs(every - row[:, None]).max(axis=0).min() for row in found.T]
+    assert max(away) < 1e-5 * np.abs(every).max()  # beside it, what is of second order is 1e-7
+    assert np.abs(found).max() > 0.9 * np.abs(every).max()  # a mode's peak may be between sections
+
+
+def test_links_that_only_twist_have_rows_of_their_turns() -> None:
+    planes = [f"flexible.*.{key}=false" for key in ("bending_y", "bending_z", "axial")]
+    m = pf.load("ur5", [*planes, "flexible.*.torsion=true"])
+    rows = m.flexible.expansion.sections
+    assert m.flexible.n_eta == 2
+    np.testing.assert_allclose(rows.max(axis=0), 1.0)  # coordinates are turns of tips
