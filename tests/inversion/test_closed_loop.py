@@ -257,7 +257,11 @@ def test_a_loop_that_shakes_its_robot_is_named(free: pf.Mechanism) -> None:
         assert len(said) == shakes
         assert np.isnan(pf.margins(free, control).rows[0].low) == shakes
         for words in said:
-            assert "arm_joint (by 39.8 each time)" in words and "50 Hz" in words
+            assert (
+                "arm_joint (by 39.8 each time)" in words
+                and "nearly every sample" in words
+                and "50 Hz" in words
+            )
 
 
 def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
