@@ -322,7 +322,7 @@ class Sampler:
         return (
             f"control: its output turns round at nearly every sample for {drives}: the loop "
             f"shakes the robot at half its sample rate, {0.5 / self.period:.4g} Hz, as an unstable "
-            "one does, or one with the derivative of a rounded measure. Lower its gains, or shorten "
+            "one does, or one with the derivative of a rounded measure. Lower its gains or shorten "
             "`period`; pf.margins(robot, control) tells how far.",
         )
 

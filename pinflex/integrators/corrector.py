@@ -154,18 +154,18 @@ class Inside:
         return replace(run, a=a, lam=lam)
 
     def _solve(
-        self, dynamics: Equations, run: Run, push: Array, block: IntArray, first: float
+        self, dynamics: Equations, run: Run, push: Array, block: IntArray, faint: float
     ) -> bool:
         """Solve at neighbouring samples, in place; whether that was possible.
 
-        `first`: what the first correction counts as at the least.
+        `faint`: what the first correction counts as at the least.
         """
         y, v, a, lam, t = (x[block] for x in (run.y, run.v, run.a, run.lam, run.t))
         found = self._matrices(dynamics, run.at(block[[len(block) // 2]]))
         if found is None:
             return False
         inverse, soft, J = found
-        free, n, faint = self.free, len(self.free), first
+        free, n, first = self.free, len(self.free), faint
         moved = np.zeros((len(block), len(inverse)))
         for _ in range(_ROUNDS):
             left = np.zeros_like(moved)
