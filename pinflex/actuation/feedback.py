@@ -320,9 +320,10 @@ class Sampler:
             return ()
         drives = ", ".join(f"{labels[k]} (by {far[k]:.3g} each time)" for k in shaken)
         return (
-            f"control: its output turns round at every sample for {drives}: the loop shakes the "
-            f"robot at half its sample rate, {0.5 / self.period:.4g} Hz, as an unstable one does. "
-            "Lower its gains or shorten `period`; pf.margins(robot, control) tells how far.",
+            f"control: its output turns round at nearly every sample for {drives}: the loop "
+            f"shakes the robot at half its sample rate, {0.5 / self.period:.4g} Hz, as an unstable "
+            "one does, or one with the derivative of a rounded measure. Lower its gains or shorten "
+            "`period`; pf.margins(robot, control) tells how far.",
         )
 
     def _sample(self, t: float, y: Array, v: Array) -> None:

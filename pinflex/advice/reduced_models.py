@@ -130,7 +130,7 @@ def smaller(
     kept = Smaller(dict(rich.parts), probe.system.n_eta, {}, (), {})
     before, tried, unsettled, settled = whole, [], {}, False
     accepted: Changes = {}
-    still = _Equilibria(probe, outputs)
+    still = _Equilibria(probe, outputs, whole)
     for what, more, count in _candidates(rich, loaded):
         if count is not None and settled:
             continue
@@ -170,22 +170,27 @@ _PLAINLY = 2.5
 class _Equilibria:
     """What leaving something out costs where nothing vibrates: a hundredth of a march."""
 
-    def __init__(self, probe: Probe, outputs: Outputs) -> None:
-        """Nothing is left out yet."""
+    def __init__(self, probe: Probe, outputs: Outputs, moved: Run) -> None:
+        """Nothing is left out yet; `moved`: the run with its vibration, for its size."""
         some = np.linspace(0, probe.steps - 1, _STILL)
         self._probe, self._at = probe, np.unique(some.astype(np.intp))
         self._outputs = outputs.at(self._at)
         self._whole = self._before = self._run(None)
+        self._sizes = outputs.sizes(moved)
 
     def needed(self, shapes: Array, plainly: Callable[[Errors], bool]) -> Errors:
         """The price of having only these shapes, of outputs in which it is `plainly` too much."""
         run = self._run(shapes)
         if run is None or self._whole is None or self._before is None:
             return {}
-        every, own = (
-            _output_differences(self._outputs, run, other) for other in (self._whole, self._before)
-        )
+        every, own = (self._prices(run, other) for other in (self._whole, self._before))
         return {key: own[key] for key, e in every.items() if plainly({key: e}) and key in own}
+
+    def _prices(self, run: Run, other: Run) -> Errors:
+        """Parts of the whole motion, which a resonance makes many times as large as at rest."""
+        found, still = _output_differences(self._outputs, run, other), self._outputs.sizes(other)
+        shares = {k: min(still[k] / self._sizes[k], 1.0) for k in still if self._sizes.get(k)}
+        return {key: shares.get(key, 1.0) * e for key, e in found.items()}
 
     def leave(self, shapes: Array) -> None:
         """Hold what comes against these shapes."""

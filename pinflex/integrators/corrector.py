@@ -114,6 +114,7 @@ _BLOCKS = 13  # of neighbours that share matrices: one correction more is cheape
 _NEIGHBOURS = 8  # in a block, where there are few samples: matrices cost as much as 8 corrections
 _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
+_FAINT = 1e-6  # of the largest acceleration: of a smaller first one, as at rest, round-off is left
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
 
 
@@ -145,20 +146,26 @@ class Inside:
         at, dynamics = run.at(some), Equations(run.system)
         push, a, lam = self.push(at), run.a.copy(), run.lam.copy()
         blocks = min(_BLOCKS, -(-len(some) // _NEIGHBOURS))
+        faint = _FAINT * float(np.max(np.abs(a[:, self.free]), initial=0.0))
         for block in np.array_split(np.arange(len(some)), blocks):
-            if not self._solve(dynamics, at, push, block):
+            if not self._solve(dynamics, at, push, block, faint):
                 return run
         a[some], lam[some] = at.a, at.lam
         return replace(run, a=a, lam=lam)
 
-    def _solve(self, dynamics: Equations, run: Run, push: Array, block: IntArray) -> bool:
-        """Solve at neighbouring samples, in place; whether that was possible."""
+    def _solve(
+        self, dynamics: Equations, run: Run, push: Array, block: IntArray, faint: float
+    ) -> bool:
+        """Solve at neighbouring samples, in place; whether that was possible.
+
+        `faint`: what the first correction counts as at the least.
+        """
         y, v, a, lam, t = (x[block] for x in (run.y, run.v, run.a, run.lam, run.t))
         found = self._matrices(dynamics, run.at(block[[len(block) // 2]]))
         if found is None:
             return False
         inverse, soft, J = found
-        free, n, first = self.free, len(self.free), 0.0
+        free, n, first = self.free, len(self.free), faint
         moved = np.zeros((len(block), len(inverse)))
         for _ in range(_ROUNDS):
             left = np.zeros_like(moved)
@@ -176,7 +183,9 @@ class Inside:
                 run.a[block], run.lam[block] = a, lam
                 return True
         halves = np.array_split(block, 2)
-        return len(block) > 1 and all(self._solve(dynamics, run, push, half) for half in halves)
+        return len(block) > 1 and all(
+            self._solve(dynamics, run, push, half, faint) for half in halves
+        )
 
     def _matrices(self, dynamics: Equations, run: Run) -> tuple[Array, Array, Array] | None:
         """Inverse of [[S, -J'], [J, 0]], S - M and J in a state; None: it is singular."""

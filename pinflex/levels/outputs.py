@@ -99,6 +99,11 @@ class Outputs:
             found |= {key: relative_size(key, h.apart, h.size) for key, h in joints.items()}
         return {key: error for key, error in found.items() if error is not None}
 
+    def sizes(self, run: Run) -> dict[str, float]:
+        """Largest values of the outputs, of the platform its deviation from the rigid motion."""
+        every = self.histories(run, run).items()
+        return {key: float(np.max(history.size, initial=0.0)) for key, history in every}
+
     def histories(
         self,
         coarse: Run,

@@ -485,7 +485,11 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
             shakes = shaking(*every)
             if shakes <= 1.0:
                 break
-        drawn_in = replace(_drawn_in(task, last, shares), band=task.band / max(shakes, 1.0))
+        band = task.band
+        if shakes > _NEAR:  # as limits are: anew from what the last search let the motion shake
+            seen_by_it = last.shake * search.task.band / last.still
+            band = min(seen_by_it / shakes - _ASIDE * band, band)
+        drawn_in = replace(_drawn_in(task, last, shares), band=band)
         search = replace(search, task=drawn_in, radius=_NEARBY, push=DEAR, any_kept=True)
         closer = search.go(last.profile, _CLOSER, 0.0, last.runs)
         again = seen(closer, 0)

@@ -64,9 +64,11 @@ class Equations {
 in place, away from jumps; as they were where one does not converge. h: mean length of the steps, s; span: of the run, s. */
 function settle(equations, t, jumps, h, states, span) {
   const before = {a: states.a.slice(), lam: states.lam.slice()}, near = 1e-9 * span, away = [...t.keys()].filter((k) => jumps.every((x) => Math.abs(t[k] - x) > near)), blocks = Math.min(13, Math.ceil(away.length / 8));
+  let faint = 0;
+  for (const k of t.keys()) for (const i of equations.free) faint = Math.max(faint, 1e-6 * Math.abs(states.a[k * equations.c.nv + i]));
   for (let b = 0, from = 0; b < blocks; b++) {
     const size = Math.floor(away.length / blocks) + (b < away.length % blocks ? 1 : 0);
-    if (!settleBlock(equations, states, away.slice(from, from + size), h)) return Object.assign(states, before);
+    if (!settleBlock(equations, states, away.slice(from, from + size), h, faint)) return Object.assign(states, before);
     from += size;
   }
 }
@@ -75,7 +77,7 @@ function rowsOf(x, width, which) {
   which.forEach((k, i) => out.set(x.subarray(k * width, (k + 1) * width), i * width));
   return out;
 }
-function settleBlock(equations, states, block, h) {
+function settleBlock(equations, states, block, h, faint) {
   const {nq, nv, closures} = equations.c, {free} = equations, n = free.length, middle = [block[block.length >> 1]];
   const [M, C, K, J] = equations.tangent(rowsOf(states.y, nq, middle), rowsOf(states.v, nv, middle), rowsOf(states.a, nv, middle), rowsOf(states.lam, closures, middle));
   const soft = new Float64Array(n * n), S = M.slice();
@@ -85,7 +87,7 @@ function settleBlock(equations, states, block, h) {
   }
   const matrix = equations.saddle(S, J), size = matrix.size, rows = block.length, moved = new Float64Array(rows * n), B = new Float64Array(size * rows);
   const y = rowsOf(states.y, nq, block), v = rowsOf(states.v, nv, block), a = rowsOf(states.a, nv, block), lam = rowsOf(states.lam, closures, block);
-  let first = 0;
+  let first = faint;
   for (let round = 0; round < 8; round++) {
     const [r] = equations.residuals(rows, y, v, a, lam), open = closures ? equations.closureMotion(rows, y, v, a) : [];
     let far = 0;
@@ -108,7 +110,7 @@ function settleBlock(equations, states, block, h) {
     return true;
   }
   const half = block.length + 1 >> 1;              // as numpy splits: other halves have other matrices
-  return block.length > 1 && settleBlock(equations, states, block.slice(0, half), h) && settleBlock(equations, states, block.slice(half), h);
+  return block.length > 1 && settleBlock(equations, states, block.slice(0, half), h, faint) && settleBlock(equations, states, block.slice(half), h, faint);
 }
 
 /* Accelerations, multipliers and torques just after a jump of the motors' accelerations, at samples on one
