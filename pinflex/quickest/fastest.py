@@ -28,6 +28,7 @@ from pinflex.quickest.limits import (
     basis,
     fitted,
     limits_of,
+    require_numbers,
     slowness,
     with_jerk,
 )
@@ -218,7 +219,7 @@ def fastest(
             f"{mechanism.name}: fastest: needs `platform: FRAME` in the YAML, which is to be still."
         )
     require_staying(mechanism.description, "fastest")
-    _require_numbers(mechanism.name, settle, intervals)
+    require_numbers(mechanism.name, settle, intervals)
     target, moves = _moves(mechanism, to, target)
     models = {"nominal": mechanism}
     for factors in corners(robust or {}):
@@ -243,27 +244,6 @@ def fastest(
     made = _told(task, found, models, bound.duration, steps, seen)
     _require_kept(task, made)
     return made
-
-
-def _require_numbers(name: str, settle: float | Mapping[str, float], intervals: int) -> None:
-    """Refuse a band, a box or a number of intervals that is none."""
-    box = settle if isinstance(settle, Mapping) else {"": settle}
-    if isinstance(settle, Mapping) and {*settle} != {"position", "speed"}:
-        raise DescriptionError(
-            f"{name}: fastest: settle: {dict(settle)!r}. Give a distance, or {{position: ..., "
-            "speed: ...}, both of them."
-        )
-    for key, most in box.items():
-        if not 0.0 < most < np.inf:
-            raise DescriptionError(
-                f"{name}: fastest: settle{key and '.' + key}: {most!r}. Give a number above 0, in "
-                "SI: no motion is exactly still."
-            )
-    if intervals != int(intervals) or intervals < 1:
-        raise DescriptionError(
-            f"{name}: fastest: intervals: {intervals!r}. Give a whole number above 0; "
-            f"{_INTERVALS} by default."
-        )
 
 
 def _pushed(mechanism: Mechanism, drive: str, settle: Any) -> bool:

@@ -411,3 +411,23 @@ def slowness(
 
 def _straight(far: Array, t: Array) -> Kinematics:
     return t[:, None] * far, np.tile(far, (len(t), 1)), np.zeros((len(t), len(far)))
+
+
+def require_numbers(name: str, settle: float | Mapping[str, float], intervals: int) -> None:
+    """Refuse a band, a box or a number of intervals that is none."""
+    box = settle if isinstance(settle, Mapping) else {"": settle}
+    if isinstance(settle, Mapping) and {*settle} != {"position", "speed"}:
+        raise DescriptionError(
+            f"{name}: fastest: settle: {dict(settle)!r}. Give a distance, or {{position: ..., "
+            "speed: ...}, both of them."
+        )
+    for key, most in box.items():
+        if not 0.0 < most < np.inf:
+            raise DescriptionError(
+                f"{name}: fastest: settle{key and '.' + key}: {most!r}. Give a number above 0, in "
+                "SI: no motion is exactly still."
+            )
+    if intervals != int(intervals) or intervals < 1:
+        raise DescriptionError(
+            f"{name}: fastest: intervals: {intervals!r}. Give a whole number above 0."
+        )
