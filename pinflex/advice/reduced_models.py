@@ -399,7 +399,11 @@ class Advice(Reported):
         return max((e / self.allowed.get(k, self.tol) for k, e in error.items()), default=0.0)
 
     def bar(self, output: str, error: float) -> str:
-        """An error bar in words, of what the band decides as a length or an angle."""
+        """An error bar in words, of what the band decides as a length or an angle.
+
+        Args:
+            output: Such as "torque". error: Relative.
+        """
         if output not in self.sizes or error == inf:
             return error_bar(error)
         said = rounded_length(error * self.sizes[output])

@@ -444,7 +444,7 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
     They know nothing of how the motion was found. The nominal robot's show limits.
     """
 
-    def seen(one: Look, k: int) -> Settled:
+    def verified(one: Look, k: int) -> Settled:
         T, how = one.profile.duration, dict(task.drive)
         if task.limits.jumps:  # torques jump
             how["asked"] = ("platform",)
@@ -455,13 +455,13 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
     def shaking(*every: Settled) -> float:
         return 0.0 if task.box is not None else max(x.residual for x in every) / task.band
 
-    ways = [(found, [seen(found, 0)])]
+    ways = [(found, [verified(found, 0)])]
     for _ in range(_PASSES):
         last, every = ways[-1]
         shares, shakes = _active(task, last.profile, every[0].run)[1], shaking(*every)
         most = max(shares.values(), default=0.0)
         if most <= 1.0 + _SHOWN and shakes <= 1.0:
-            every += [seen(last, k) for k in range(1, len(task.models))]
+            every += [verified(last, k) for k in range(1, len(task.models))]
             shakes = shaking(*every)
             if shakes <= 1.0:
                 break
@@ -472,13 +472,13 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
         drawn_in = replace(_drawn_in(task, last, shares), band=band)
         search = replace(search, task=drawn_in, radius=_NEARBY, push=DEAR, any_kept=True)
         closer = search.go(last.profile, _CLOSER, 0.0, last.runs)
-        again = seen(closer, 0)
+        again = verified(closer, 0)
         pushes = max(_active(task, closer.profile, again.run)[1].values(), default=0.0)
         if (shakes <= 1.0 and pushes > most) or shaking(again) > max(shakes, 1.0):
             break  # the band first, limits in the next pass
         ways.append((closer, [again]))
     for found, every in reversed(ways):
-        every += [seen(found, k) for k in range(len(every), len(task.models))]
+        every += [verified(found, k) for k in range(len(every), len(task.models))]
         if shaking(*every) <= 1.0:
             break
     return found, every
