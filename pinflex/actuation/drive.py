@@ -103,7 +103,7 @@ def nominal_and_more(
 def _solved(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal:
     """The motion at times t alone, whatever was asked before."""
     solved = mechanism.followed.solved
-    return solved.get(motion, t.tobytes(), lambda: _moving(Path(mechanism, motion), t))
+    return solved.get(motion, t.tobytes(), lambda: _closed_loops(Path(mechanism, motion), t))
 
 
 def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
@@ -112,18 +112,6 @@ def _known(mechanism: Mechanism, motion: Motion, t: Array) -> Nominal | None:
         return _open_tree(mechanism, motion, t)
     known: Nominal | None = mechanism.followed.nominals.find(motion, t.tobytes())
     return known
-
-
-def _moving(path: Path, t: Array) -> Nominal:
-    """The motion at times t; what stands still at the end is solved once."""
-    p, v, a = path.imposed(t)
-    moves = np.any(v, axis=1) | np.any(a, axis=1) | np.any(p != p[-1:], axis=1)
-    last = int(np.max(np.flatnonzero(moves), initial=-1)) + 1
-    found = _closed_loops(path, t[: last + 1])
-    if last + 1 >= len(t):
-        return found
-    every = np.minimum(np.arange(len(t)), last)
-    return Nominal(t, found.q[every], found.v[every], found.a[every])
 
 
 def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
