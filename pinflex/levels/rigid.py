@@ -124,9 +124,10 @@ def solve_rigid(mechanism: Mechanism, motion: Motion, t: Array) -> Run:
     for at in spans(len(t)):  # a long motion shall not fill the memory
         J, r = residual(dynamics, path.at(at))
         parts.append(correct(mechanism, J, r))
-        sides.append(side(mechanism, J))
+        if motion.target == "platform":  # one of the motors is refused where it passes such a pose
+            sides.append(side(mechanism, J))
     run = accept(mechanism, path, parts)
-    return replace(run, warnings=(*run.warnings, *_let_go(t, np.concatenate(sides))))
+    return replace(run, warnings=(*run.warnings, *_let_go(t, sides))) if sides else run
 
 
 def side(mechanism: Mechanism, J: Array) -> Array:
@@ -141,9 +142,10 @@ def side(mechanism: Mechanism, J: Array) -> Array:
     return np.asarray(np.linalg.slogdet(square)[0])
 
 
-def _let_go(t: Array, sides: Array) -> list[str]:
+def _let_go(t: Array, sides: Sequence[Array]) -> list[str]:
     """Where a motion of the platform passes poses in which the motors do not hold it."""
-    passed = np.flatnonzero(sides[1:] * sides[:-1] < 0.0)
+    signs = np.concatenate(sides)
+    passed = np.flatnonzero(signs[1:] * signs[:-1] < 0.0)
     if not len(passed):
         return []
     when = ", ".join(f"{t[k]:.4g} to {t[k + 1]:.4g} s" for k in passed[:_SOME])

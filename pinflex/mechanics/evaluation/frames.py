@@ -202,11 +202,6 @@ class FrozenLinks:
         d = self._dynamics
         if not self._moving(V, A):
             return V, A
-        moves = np.any(V, axis=1) | np.any(A, axis=1)
-        if not np.all(moves):
-            V, A = V.copy(), A.copy()
-            V[moves], A[moves] = self.rates(Y[moves], V[moves], A[moves])
-            return V, A
         J = d.close(Y).J
         inverse = self._inverse(J[:, :, self._free])
         V = V + self._moved(inverse, _times(J, V))
