@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from pinflex.viewer.plots.drawing import (
     Drawing,
     Room,
     panels,
-    save,
     shown_axes,
     styled,
     title,
@@ -257,25 +254,6 @@ def figures_of(
                     spectrum, run, _liveliest(run), natural=natural
                 )
     return figures
-
-
-def save_all(
-    rigid: Result,
-    others: Mapping[str, Result],
-    folder: str | Path,
-    natural: Sequence[float] = (),
-    tell: Callable[[str], None] = lambda text: None,
-) -> list[Path]:
-    """Write the figures that the results allow as .png files; returns their paths."""
-    figures = figures_of(rigid, others, natural)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number, (name, figure) in enumerate(figures.items(), 1):
-        tell(f"drawing {number} of {len(figures)}")
-        paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
-        save(figure().axes, paths[-1])
-    return paths
 
 
 def _most_loaded(run: Result) -> tuple[str, ...]:
