@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -30,9 +30,10 @@ from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
-from pinflex.results.pose_map import Columns, column
+from pinflex.results.pose_map import Columns
 from pinflex.studies.batch import Record, keys, run
-from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
+from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs
+from pinflex.studies.sweep import table_of
 from pinflex.text import frozen
 from pinflex.variation.variants import variants_of
 
@@ -307,10 +308,13 @@ def _found(
     records: list[Record],
     slides: frozenset[str],
 ) -> Scatter:
-    values = {
-        name: column([record.found.get(name) for record in records]) for name in _numbers(records)
-    }
-    whole = _table(random, cases, records, values, slides)
+    names = _numbers(records)
+    numbers = [
+        replace(record, found={name: record.found.get(name) for name in names})
+        for record in records
+    ]
+    whole = table_of(cases, numbers, slides)
+    values = {name: whole[name] for name in names}
     n, d = len(cases) // (len(random) + 2), len(random)
     shown = tuple(name for name, x in values.items() if _scatters(x[: 2 * n]))
     quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
@@ -335,21 +339,6 @@ def _numbers(records: Sequence[Record]) -> list[str]:
         for name in names
         if all(isinstance(r.found.get(name, 0.0), (int, float)) for r in records)
     ]
-
-
-def _table(
-    random: Iterable[Distribution],
-    cases: Sequence[Mapping[str, float]],
-    records: Sequence[Record],
-    values: Mapping[str, Array],
-    slides: frozenset[str],
-) -> Columns:
-    """Parameters, how each design ended, and its outputs."""
-    arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
-    arrays["status"] = column(["failed" if record.error else "done" for record in records])
-    arrays["error"] = column([record.error for record in records])
-    units = {name: unit(name, slides) for name in values if unit(name, slides)}
-    return Columns({**arrays, **values}, units)
 
 
 def _scatters(sample: Array) -> bool:
