@@ -211,7 +211,7 @@ def _no_pair(option: str, text: str) -> DescriptionError:
 
 
 def _displacements(mechanism: pf.Mechanism, texts: list[str]) -> dict[str, float]:
-    """What moves by how much (m | rad), of --to: a unit is one of what its name moves."""
+    """Displacements [m | rad] by name, of --to; a unit must suit the motor or coordinate."""
     from pinflex.description.description import without_units
 
     pairs = _pairs(texts, "to")

@@ -484,7 +484,7 @@ def _describe(
 
 
 def _robot(raw: Mapping[str, Any]) -> str:
-    """What says which robot it is."""
+    """Text that changes with the robot: its file, the arguments, the loops that become joints."""
     return f"{raw.get('urdf')} {raw.get('xacro_args')}{_resisting(raw) or ''}"
 
 

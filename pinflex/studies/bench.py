@@ -1,4 +1,4 @@
-"""Work and precision on a scene of one's own: levels, internal modes, integrators and steps.
+"""Work and precision on a scene of your own: levels, internal modes, integrators and steps.
 
 Every case is compared with a converged run of the coupled level, which is refined until two runs in
 a row agree, and then once more with more internal modes. An error is max_t |x - ref| / max_t |ref|

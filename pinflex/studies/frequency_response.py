@@ -306,7 +306,7 @@ def _platform_zeros(mechanism: Mechanism) -> Array | None:
 def _range(
     mechanism: Mechanism, q: Array | None, alive: Array, span: tuple[float | None, float | None]
 ) -> Array:
-    """Frequencies [Hz], closer about the natural ones `alive`; the links decide how far."""
+    """Grid of frequencies [Hz], refined near the natural ones `alive`, to beyond six modes."""
     low, high = span
     if low is None or high is None:
         bends = mechanism.compliant
@@ -459,7 +459,7 @@ class ShaperRow:
 def shapers(
     mechanism: Mechanism, modes: int | None = None
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
-    """What ZV, ZVD and EI, as far as they take so many, would do for what the motion excites."""
+    """Effect of ZV, ZVD and EI on the modes that the motion excites; kinds that take so many."""
     found = ringing(mechanism, plain_motion(mechanism), modes)
     few = (kind for kind in KINDS if len(found.frequencies) <= most_modes(kind))
     return found, tuple(_row(kind, found) for kind in few)

@@ -249,7 +249,7 @@ def _pins_of_loops(
 
 
 def _shifts(dynamics: Equations, q: Array, closed: Closures) -> Array:
-    """What rows change by where body b is shifted in the world, shape (rows, 3)."""
+    """Change of the rows per shift of body b in the world, shape (rows, 3)."""
     found = np.zeros((closed.n, 3))
     if not closed.n:
         return found

@@ -47,23 +47,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Level coupled where a scene leaves its steps open: within a tolerance, unless that is dear.
+# Steps of level coupled where the scene names none: by a tolerance, unless that is too expensive.
 #
-# A comparison is to be true to the digits that it shows. A tolerance keeps that, mostly for less
-# than equal steps of unknown error take; where something undamped rings all the time it can take
+# A comparison should be true to the digits that it shows. A tolerance ensures that, mostly at less
+# cost than equal steps of unknown error; where something undamped rings all the time it can cost
 # far more.
 
 OPEN_TOL = 1e-3  # a tenth of it is reached mostly, and a table shows three digits
 
 
 class _TooDear(Exception):
-    """More steps of collocation than equal ones would be."""
+    """Collocation needs more steps than equal steps would be."""
 
 
 def steps_are_open(mechanism: Mechanism) -> bool:
     """Whether a scene leaves the steps of level coupled open, and collocation serves it.
 
-    By that it takes half the time of equal steps, with a twentieth of their error or less.
+    Collocation then takes half the time of equal steps, at a twentieth of their error or less.
     """
     spec, controlled = mechanism.description.solve, mechanism.description.control is not None
     said = (spec.dt, spec.tol, spec.integrator, spec.rho_inf, spec.newmark)
@@ -83,11 +83,11 @@ def solved(
 
 
 def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | None) -> Callback:
-    """A progress that ends a run which takes more steps than equal ones would be."""
+    """A progress that ends a run once it has taken more steps than equal steps would."""
     end = mechanism.description.solve.until or (motion or default_motion(mechanism)).duration
-    left = int(end / default_step(mechanism, end)) // TOGETHER  # a run tells of so many at a time
+    left = int(end / default_step(mechanism, end)) // TOGETHER  # steps of one report
 
-    def told(done: int, of: int) -> None:
+    def report(done: int, of: int) -> None:
         nonlocal left
         left -= 1
         if left < 0 and done < of:
@@ -95,12 +95,12 @@ def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | N
         if progress is not None:
             progress(done, of)
 
-    return told
+    return report
 
 
 # What a comparison says beside its numbers: why a level is missing, what weakens the others.
 
-Say = Callable[[str], Callback | None]  # what comes next, to what its steps are told to
+Say = Callable[[str], Callback | None]  # from what comes next to its progress
 _RESTS = 1e-6  # of the largest speed of a motor: at the end it stands
 
 

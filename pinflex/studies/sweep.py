@@ -371,7 +371,7 @@ def sweep(
 
 
 def described(model: str | Path | Description | Mechanism) -> Description:
-    """The description of a model, however it is given."""
+    """The description of a model, a name or a path."""
     if isinstance(model, Mechanism):
         return model.description
     return model if isinstance(model, Description) else read(model)

@@ -57,7 +57,7 @@ def of_a_run(name: str) -> bool:
 
 
 def units(names: Iterable[str], description: Description) -> dict[str, str]:
-    """Units of outputs by name, as in the head of this file; "" where there is none."""
+    """Units of outputs by name, as listed at the top of this file; "" for a pure number."""
     slides = prismatic(description)
     return {name: unit(name, slides, description.actuated) for name in names}
 
@@ -404,7 +404,7 @@ class Evaluator:
         return f"{limit.output} = {found[limit.output]:.4g} where {limit} is asked"
 
     def design(self, x: Array, continuous: bool) -> Design:
-        """What is told of the design at a point."""
+        """The report of the design at a point."""
         (found,) = self([x])
         assert found is not None
         unit = found[self.minimise]

@@ -133,7 +133,7 @@ def _leaning(k: int, points: list[Array], bounds: Array) -> tuple[int, ...]:
 
 
 def _straight(rows: Rows, best: Best, bounds: Array, z: float, k: int) -> bool:
-    """Whether residuals are straight as far as the linear interval of a parameter goes."""
+    """Whether residuals are linear across the linear interval of a parameter."""
     spread = math.sqrt(best.C[k, k])
     if math.isnan(z) or not math.isfinite(spread):
         return math.isnan(z)  # no scale, and so no ends
@@ -240,7 +240,7 @@ class _Profile:
         return self._from(at, k, sign)
 
     def furthest(self, k: int, sign: float, found: _End) -> _End:
-        """That end, or one further out on the way from a point of another search."""
+        """The end found, or one further out, searched from a point of another search."""
         for _ in range(_AGAIN):
             x, r = max(self.within, key=lambda point: sign * point[0][k])
             if found.x is None and not found.unsure:
@@ -459,7 +459,7 @@ def hidden(J: Array) -> BoolArray:
 
 
 def sentences(J: Array, C: Array, names: Sequence[str], ends: Array | None = None) -> list[str]:
-    """What the measurements do not tell, in words."""
+    """Sentences on parameters that the measurements do not determine."""
     silent, directions = unseen(J)
     spread = np.sqrt(np.diag(C))
     if ends is None:

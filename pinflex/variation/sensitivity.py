@@ -204,7 +204,7 @@ def _values(
 
 
 def _remarks(peaks: Peaks | None, outputs: Sequence[str]) -> list[str]:
-    """What the errors of runs leave out."""
+    """Remarks on errors of runs that the estimates do not contain."""
     runs = [name for name in outputs if of_a_run(name)]
     if not runs:
         return []
@@ -259,7 +259,7 @@ def _slopes(
         found |= peaks.slopes(at)
     rest = [name for name in outputs if name not in found]
     if rest:
-        # a run is dear and wanted to 1e-3: two steps serve
+        # a run is expensive, and 1e-3 of its outputs suffices: two steps do
         steps = 2 if any(map(of_a_run, rest)) else 3
         values, doubts = extrapolated(lambda h: measure(at(h), rest, level), steps=steps)
         found |= {name: Slope(values[name], doubts[name]) for name in rest}

@@ -281,7 +281,7 @@ def names(value: Any, target: str, where: str) -> tuple[str, ...]:
 
 
 def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
-    """Whichever of the two is given: its word and its value."""
+    """Target and value: of `joints` and `platform` exactly one must be given."""
     if (joints is None) == (platform is None):
         given = "nothing moves" if joints is None else "both joints and platform are given"
         raise bad(where, f"{given}. Give one of joints: {{name: ...}}, platform: {{name: ...}}.")
@@ -289,7 +289,7 @@ def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
 
 
 def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, float], Array]:
-    """What moves, by how much each, and the same as an array."""
+    """Target, displacements by name, and these as an array."""
     target, value = target_of(joints, platform, kind)
     moves = numbers(value, f"{kind}.{target}")
     names(moves, target, f"{kind}.{target}")
@@ -333,7 +333,7 @@ def table(file: Any) -> dict[str, Any]:
 
 
 def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
-    """A column of numbers, one to each of the times if these are given."""
+    """A column of numbers; as many as there are times, if times are given."""
     if name not in table:
         more = " Columns `time` and `NAME [deg]` are read by `kind: trajectory`."
         raise bad(where, f"no such column.{nearest(name, table)}{more if times is None else ''}")

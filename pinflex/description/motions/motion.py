@@ -311,7 +311,7 @@ KINDS: dict[str, Callable[..., Motion]] = {
 
 
 def form() -> schema.Form:
-    """What a motion looks like, as JSON Schema says it."""
+    """JSON Schema of the block `motion`."""
     forms = []
     for kind, make in KINDS.items():
         arguments = inspect.signature(make).parameters.items()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # damped systems; Singhose (2009) for all three.
 
 KINDS = ("zv", "zvd", "ei")
-MODES = 3  # most of those that a motion excites, where no number is given
+MODES = 3  # excited by the motion that are cancelled at most, by default
 MOST = 2200  # impulses: 3^7, seven frequencies of the kinds of three
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
 
@@ -88,7 +88,7 @@ _SHAPER = schema.keys(ShaperSpec)
 
 
 def shaper_form() -> schema.Form:
-    """What `shaper` looks like, as JSON Schema says it."""
+    """JSON Schema of the block `shaper`."""
     return {"anyOf": [{"enum": [*KINDS]}, schema.block_form(_SHAPER)]}
 
 

@@ -94,7 +94,7 @@ _SCALARS = ("bool", "int", "float", "timestamp")
 
 
 def _scalar(tag: str) -> Callable[[Any, Any], Any]:
-    """PyYAML's own reading of a scalar whose tag is written out, with a mark where it is none."""
+    """PyYAML's reading of a scalar with an explicit tag; a misfit is an error with its place."""
     read = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{tag}"]
 
     def constructed(loader: Any, node: Any) -> Any:

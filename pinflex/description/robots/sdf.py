@@ -34,7 +34,7 @@ from pinflex.description.robots.tree_text import (
 from pinflex.errors import DescriptionError
 from pinflex.rotations import zyx_matrix
 
-_HUGE = 1e15  # a limit as large is none
+_HUGE = 1e15  # from here on a limit means that there is none
 
 
 @dataclass
@@ -152,7 +152,7 @@ def dynamics(joint: Element) -> dict[str, float]:
 
 
 def visual(element: Element) -> Visual | None:
-    """What a <visual> looks like; None for a shape that is not drawn."""
+    """The shape of a <visual>; None for one that is not drawn."""
     shape = element.child("geometry/*")
     if shape is None:
         return None
@@ -410,7 +410,7 @@ def _gearbox(reading: Reading, name: str, joint: Element) -> None:
 
 
 def _notes(reading: Reading, model: Element) -> None:
-    """What has no meaning here, each with its line."""
+    """Note each tag that is not taken over, with its line."""
     for element in model.iter():
         assert isinstance(element, Element)
         if element.tag in _TAKEN:
