@@ -295,12 +295,6 @@ def torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueR
     )
 
 
-def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
-    """Largest deviations of the platform from the rigid run."""
-    frame = str(rigid.meta["platform"])
-    return farthest(label, frame, run.deviation_from(rigid, frame))
-
-
 def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
     """Largest deviations of a frame."""
     far, turned = int(np.argmax(deviation.norm)), int(np.argmax(deviation.angle))
@@ -501,7 +495,9 @@ def _platform_rows(
 ) -> tuple[PlatformRow, ...]:
     if rigid is None or frame is None:
         return ()
-    return tuple(platform_row(label, rigid, run) for label, run in others.items())
+    return tuple(
+        farthest(label, frame, run.deviation_from(rigid, frame)) for label, run in others.items()
+    )
 
 
 def _residual_rows(

@@ -182,11 +182,10 @@ def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tupl
     from which H1 and the coherence are estimated (Hann windows, eight segments).
     """
     try:
-        columns = {name: np.array(x, dtype=np.float64) for name, x in table(path).items()}
+        written = table(path, "measured")
+        columns = {name: np.array(x, dtype=np.float64) for name, x in written.items()}
     except ValueError as error:
         raise DescriptionError(f"{path}: a cell is no number ({error}).") from None
-    except DescriptionError as error:
-        raise DescriptionError(str(error).replace("sampled.file", "measured", 1)) from None
     if "frequency" in columns:
         found = [_given(columns, name) for name in outputs]
     elif "t" in columns and source in columns:

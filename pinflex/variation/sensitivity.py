@@ -22,7 +22,7 @@ from pinflex.report import Report, Reported, Words, table
 from pinflex.solver.solve import default_motion
 from pinflex.text import frozen, number
 from pinflex.threads import one_blas_thread
-from pinflex.variation.evaluator import DEFAULT, available, check_names, measure, of_a_run, units
+from pinflex.variation.evaluator import DEFAULT, check_names, measure, of_a_run, units
 from pinflex.variation.peaks import Peaks, Slope, extrapolated, of_frequencies
 from pinflex.variation.variants import Variants, variants
 
@@ -196,7 +196,7 @@ def _values(
     """The outputs of the first design; strict: all of them."""
     known = {} if peaks is None else peaks.values
     rest = [name for name in wanted if peaks is None or not of_a_run(name)]
-    found = known | (available(base, rest, level) if rest else {})
+    found = known | (measure(base, rest, level, strict=False) if rest else {})
     missing = [name for name in wanted if name not in found]
     if strict and missing:
         return measure(base, missing, level)  # says what the scene does not have

@@ -313,11 +313,11 @@ def headed(cell: str) -> tuple[str, str]:
     return cell[: unit.start()].strip(), (unit[1] or unit[2] or "").strip()
 
 
-def table(file: Any) -> dict[str, Any]:
+def table(file: Any, where: str = "sampled.file") -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
     if not isinstance(file, (str, Path)):
-        raise bad("sampled.file", f"{shown(file)} is no name of a file. Give a CSV file.")
-    require_regular(Path(file), MOST_TABLE, f"sampled.file: {file}")
+        raise bad(where, f"{shown(file)} is no name of a file. Give a CSV file.")
+    require_regular(Path(file), MOST_TABLE, f"{where}: {file}")
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
         rows = cells(x for x in lines if x.strip() and not x.startswith("#"))
@@ -328,7 +328,7 @@ def table(file: Any) -> dict[str, Any]:
             raise ValueError(f"two columns have one name in {', '.join(head)}")
     except (OSError, TypeError, ValueError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        raise bad("sampled.file", f"cannot read {file}: {why}. Give a CSV file.") from error
+        raise bad(where, f"cannot read {file}: {why}. Give a CSV file.") from error
     return {name: [row[j] for row in rows[1:]] for j, name in enumerate(head)}
 
 

@@ -167,13 +167,11 @@ def visual(element: Element) -> Visual | None:
     return None
 
 
+# Type of a joint: that of the URDF's joint which carries a link, and the kind of loop it closes.
 _TYPES = {
-    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic",
-    "fixed": "fixed", "ball": "fixed", "universal": "fixed",
-}  # fmt: skip
-_LOOPS = {
-    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic",
-    "fixed": "weld", "ball": "spherical", "universal": "universal",
+    "revolute": ("revolute", "revolute"), "continuous": ("continuous", "revolute"),
+    "prismatic": ("prismatic", "prismatic"), "fixed": ("fixed", "weld"),
+    "ball": ("fixed", "spherical"), "universal": ("fixed", "universal"),
 }  # fmt: skip
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "universal")
 # Tags that are taken over, or that say nothing about the mechanism.
@@ -181,20 +179,13 @@ _TAKEN = {
     "model": ("link", "joint", "frame", "pose", "self_collide", "static", "allow_auto_disable"),
     "link": ("pose", "inertial", "visual", "collision", "self_collide"),
     "inertial": ("pose", "mass", "inertia"),
-    "joint": (
-        "pose",
-        "parent",
-        "child",
-        "axis",
-        "axis2",
-        "gearbox_ratio",
-        "gearbox_reference_body",
-    ),
+    "joint": ("pose", "parent", "child", "axis", "axis2", "gearbox_ratio",
+              "gearbox_reference_body"),
     "axis": ("xyz", "limit", "dynamics", "use_parent_model_frame", "initial_position"),
     "axis2": ("xyz", "use_parent_model_frame"),
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
-}
+}  # fmt: skip
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
@@ -290,7 +281,7 @@ def _carry(reading: Reading, child: str, name: str) -> None:
     matrix = reading.poses[child].copy()
     matrix[:3, 3] = reading.poses[name][:3, 3]
     limits, effort = limits_of(joint)
-    word = _TYPES[kind]
+    word, _ = _TYPES[kind]
     if word == "revolute" and limits is None:
         word = "continuous"
     axis = np.array([0.0, 0.0, 1.0])
@@ -317,7 +308,7 @@ def _close(reading: Reading, name: str) -> None:
         reading.tree.mark(f"{name}_{end}", link, frame)
         for end, link in (("a", text_of(joint, "parent")), ("b", text_of(joint, "child")))
     ]
-    loop: dict[str, Any] = {"kind": _LOOPS[kind], "between": ends}
+    loop: dict[str, Any] = {"kind": _TYPES[kind][1], "between": ends}
     if kind in _WITH_AXIS:
         loop["axis"] = plain(frame[:3, :3].T @ axis_of(reading, joint, name))
     if kind == "universal":
