@@ -247,7 +247,11 @@ class PlayMap:
         """
         arrays, units = of_poses(self.grid, self.errors), dict(self.units)
         names = ("play", "play.turn", *(f"play.{axis}" for axis in AXES))
-        rows = [_numbers(each) for each in self.plays.reshape(-1)]
+        rows = [
+            [np.nan] * len(names) if each is None
+            else [each.farthest[0], each.largest_turn[0], *each.extent.tolist()]
+            for each in self.plays.reshape(-1)
+        ]  # fmt: skip
         for k, name in enumerate(names):
             arrays[name] = column([row[k] for row in rows])
             units[name] = "rad" if k == 1 or k > 4 else "m"
@@ -260,9 +264,3 @@ class PlayMap:
             ax: Where to draw; default: axes of a new figure.
         """
         return door("viewer.plots.maps", "axes_of_plays")(self, ax)
-
-
-def _numbers(play: Play | None) -> list[float]:
-    if play is None:
-        return [float("nan")] * 8
-    return [play.farthest[0], play.largest_turn[0], *play.extent.tolist()]

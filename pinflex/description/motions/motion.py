@@ -345,7 +345,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
         raise DescriptionError(where + str(error).removeprefix(kind), where=where) from None
     if asked is None or not asked.frequencies:
         return made
-    return paths.shaped(made, asked.kind, asked.frequencies, asked.damping)
+    return made.shaped(asked.kind, asked.frequencies, asked.damping)
 
 
 def _require_keys(given: Mapping[str, Any], kind: str, where: str) -> None:

@@ -177,26 +177,6 @@ def _impulses(kind: str, frequency: float, zeta: float) -> tuple[Array, Array]:
     return period * np.array([0.0, middle, 1.0]), np.array([first, 1.0 - first - last, last])
 
 
-def shaped(
-    motion: Motion,
-    kind: str,
-    frequencies: Sequence[float] | float,
-    damping: Sequence[float] | float = 0.0,
-) -> Motion:
-    """The motion convolved with a shaper; it ends later by the shaper's duration."""
-    made = shaper(kind, frequencies, damping)
-    law = partial(_convolved, motion, made)
-    spec = dict(motion.spec) | {
-        "shaper": {"kind": kind, "frequencies": np.atleast_1d(frequencies).tolist(),
-                   "damping": np.asarray(damping).tolist()}
-    }  # fmt: skip
-    corners = np.unique(np.add.outer([0.0, *motion.switches], made.times))
-    return replace(
-        motion, kind=f"shaped {motion.kind}", duration=motion.duration + made.duration, law=law,
-        spec=spec, corners=tuple(corners.tolist()),
-    )  # fmt: skip
-
-
 def _convolved(motion: Motion, made: Shaper, t: Array) -> Kinematics:
     total = np.zeros((3, len(t), len(motion.names)))
     for late, share in zip(made.times, made.shares, strict=True):
@@ -331,7 +311,16 @@ class Motion:
             damping: Damping ratios [-], one for each or one for all.
         Source: see `pinflex.description.motions.trajectory`.
         """
-        return shaped(self, kind, modes, damping)
+        made = shaper(kind, modes, damping)
+        spec = dict(self.spec) | {
+            "shaper": {"kind": kind, "frequencies": np.atleast_1d(modes).tolist(),
+                       "damping": np.asarray(damping).tolist()}
+        }  # fmt: skip
+        corners = np.unique(np.add.outer([0.0, *self.switches], made.times))
+        return replace(
+            self, kind=f"shaped {self.kind}", duration=self.duration + made.duration,
+            law=partial(_convolved, self, made), spec=spec, corners=tuple(corners.tolist()),
+        )  # fmt: skip
 
 
 def of_moves(

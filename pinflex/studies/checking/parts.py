@@ -201,7 +201,8 @@ def statics(mechanism: Mechanism) -> Statics:
     swings = report.mobility > len(mechanism.motors)
     held = swings and bool(mechanism.description.springs)  # perhaps: then it has an equilibrium
     if swings and not held and not hangs(mechanism):
-        return _none("the motors do not hold every degree of freedom")
+        why = "the motors do not hold every degree of freedom"
+        return Statics(linear_reason=why, full_reason=why)
     rigid = _torques(rigid_holding(mechanism)[0])
     if not mechanism.compliant and not held:
         why = "no flexible link and no elastic joint"
@@ -239,10 +240,6 @@ def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
     J = dynamics.close(mechanism.home).J
     lam, torque = multipliers(mechanism, J[None], r[None])
     return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]
-
-
-def _none(why: str) -> Statics:
-    return Statics(linear_reason=why, full_reason=why)
 
 
 def _try(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, str]:

@@ -191,7 +191,8 @@ def _of_array(result: Result, key: str) -> tuple[dict[str, Array], str]:
         others = tuple(k for k in range(values.ndim) if k != 1)
         place = int(np.abs(values).max(axis=others).argmax())
         values = values[:, place]
-        at = f"node {place}" if "/mesh/" in key else f"x = {_station(result, key, place):.4g} mm"
+        x = result.link(key.split("/")[1]).x
+        at = f"node {place}" if "/mesh/" in key else f"x = {1e3 * x[place]:.4g} mm"
         label = f"{key} at {at}"
     elif key.startswith(("joint/", "nominal/")):
         names = tuple(result.joints)
@@ -200,11 +201,6 @@ def _of_array(result: Result, key: str) -> tuple[dict[str, Array], str]:
         names = tuple(str(k) for k in range(flat.shape[1])) if flat.shape[1] > 1 else (key,)
     unit = result.unit(key)
     return dict(zip(names, flat.T, strict=True)), f"{label} [{unit}]" if unit else label
-
-
-def _station(result: Result, key: str, place: int) -> float:
-    """Place of a station on its link [mm]."""
-    return 1e3 * float(result.link(key.split("/")[1]).x[place])
 
 
 def _stress(result: Result, link: str | None, ax: Axes | None) -> Any:
