@@ -218,7 +218,7 @@ def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
         raise _wrong("meta", meta)
     for key, kind in _META.items():
         if key in meta:
-            _fit(meta[key], kind, f"meta.{key}")
+            _require_kind(meta[key], kind, f"meta.{key}")
     platform = meta.get("platform")
     if platform is not None and not isinstance(platform, str):
         raise _wrong("meta.platform", platform)
@@ -264,19 +264,19 @@ def _check_rotations(key: str, R: Array) -> None:
         raise _wrong(f"{key}[{wrong[0]}]", f"a matrix of determinant {volume[wrong[0]]:.3g}")
 
 
-def _fit(value: Any, kind: Any, where: str) -> None:
+def _require_kind(value: Any, kind: Any, where: str) -> None:
     if isinstance(kind, list):
         if not isinstance(value, list) or len(kind) not in (1, len(value)):
             raise _wrong(where, value)
         for k, item in enumerate(value):
-            _fit(item, kind[0], f"{where}[{k}]")
+            _require_kind(item, kind[0], f"{where}[{k}]")
     elif isinstance(kind, dict):
         if not isinstance(value, dict):
             raise _wrong(where, value)
         for key in kind.keys() - value.keys() if isinstance(kind, _Whole) else ():
             raise _wrong(f"{where}.{key}", None)
         for key, item in value.items():
-            _fit(item, kind.get(key, kind.get(None, object)), f"{where}.{key}")
+            _require_kind(item, kind.get(key, kind.get(None, object)), f"{where}.{key}")
     elif (
         not isinstance(value, kind)
         or (kind is int and isinstance(value, bool))

@@ -107,7 +107,7 @@ def measure(
     if mechanism.description.motion is None and mechanism.description.solve.until is None:
         groups = [group for group in groups if group not in RUNS]
     if groups:
-        found |= _numbers(scene_outputs(mechanism, level, groups, rigid, samples))
+        found |= _plain_numbers(scene_outputs(mechanism, level, groups, rigid, samples))
     found |= {short: found[full] for short, full in _SHORT.items() if full in found}
     found |= _of_all_motors(found)
     each = {name: x for name, x in found.items() if AT in name}
@@ -148,7 +148,7 @@ _OF_HOME: dict[str, Callable[[Mechanism], dict[str, float]]] = {
 }
 
 
-def _numbers(values: Mapping[str, object]) -> dict[str, float]:
+def _plain_numbers(values: Mapping[str, object]) -> dict[str, float]:
     return {
         name: float(value)
         for name, value in values.items()

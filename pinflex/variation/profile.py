@@ -237,7 +237,7 @@ class _Profile:
         A search that stops on the way is followed by fits with x_k held, at the bound first.
         """
         at = _Local(self.best.x, self.best.r, self.best.J, self.H)
-        return self._from(at, k, sign)
+        return self._searched_from(at, k, sign)
 
     def furthest(self, k: int, sign: float, found: _End) -> _End:
         """The end found, or one further out, searched from a point of another search."""
@@ -248,10 +248,10 @@ class _Profile:
             far = self.best.x if found.x is None else found.x
             if sign * (x[k] - far[k]) <= _ENDED * abs(far[k] - self.best.x[k]):
                 break
-            found = self._from(self._anew(_Local(x, r, self.best.J, self.H)), k, sign)
+            found = self._searched_from(self._anew(_Local(x, r, self.best.J, self.H)), k, sign)
         return found
 
-    def _from(self, at: _Local, k: int, sign: float) -> _End:
+    def _searched_from(self, at: _Local, k: int, sign: float) -> _End:
         bound = self.bounds[k, int(sign > 0)]
         if abs(bound - at.x[k]) < _AT_BOUND:
             return _End(None)

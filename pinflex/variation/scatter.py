@@ -90,7 +90,7 @@ def distributions(
                 if parameter.key in found:
                     raise DescriptionError(f"{parameter.key}: given twice. Keep one distribution.")
                 where = f"--{kind} {pattern}"
-                found[parameter.key] = _read(where, parameter.key, kind, text, parameter.value)
+                found[parameter.key] = _parsed(where, parameter.key, kind, text, parameter.value)
     if not found:
         raise DescriptionError(
             "random sweep: no random parameter. Give --normal KEY=MEAN:STD or --uniform KEY=A:B."
@@ -98,7 +98,7 @@ def distributions(
     return tuple(found.values())
 
 
-def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribution:
+def _parsed(where: str, key: str, kind: str, text: str, value: float) -> Distribution:
     text = str(text).strip()
     share, pair = _SHARE.fullmatch(text), _PAIR.fullmatch(text)
     if share is not None:
@@ -270,7 +270,7 @@ def scatter(
         jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
     )  # fmt: skip
     slides = prismatic(robot.description)
-    return _found(random, cases, [records[key] for key in named], slides)
+    return _evaluated(random, cases, [records[key] for key in named], slides)
 
 
 def designs(random: Sequence[Distribution], count: int, seed: int) -> Array:
@@ -302,7 +302,7 @@ def _solved(
     return scene_outputs(variants_of(description, random).at(case), level, groups)
 
 
-def _found(
+def _evaluated(
     random: tuple[Distribution, ...],
     cases: Sequence[Mapping[str, float]],
     records: list[Record],

@@ -371,7 +371,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     spec = {"kind": "moves", **n, "moves": [
         {target: by_name, "start": s, "duration": d} for _, by_name, s, d in read
     ]}  # fmt: skip
-    law = partial(_sum, delta, start, each)
+    law = partial(_added_up, delta, start, each)
     corners = tuple(np.unique([*start, *(start + each)]).tolist())
     return Motion("moves", target, names, n["duration"], law, False, spec, corners)
 
@@ -445,7 +445,7 @@ def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
     return target, by_name, n["start"], n["duration"]
 
 
-def _sum(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
+def _added_up(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
     total = np.zeros((3, len(t), delta.shape[1]))
     for one, begin, time in zip(delta, start, duration, strict=True):
         total += laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))

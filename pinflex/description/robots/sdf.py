@@ -203,9 +203,9 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     reading = Reading(file, Tree(model.get("name") or file), poses(model), joints)
     _grow(reading, links, text_of(model, "static") in ("1", "true"))
     for name, link in links.items():
-        _fill(reading, name, link)
+        _mass_and_shapes(reading, name, link)
     for name, joint in joints.items():
-        _extras(reading, name, joint)
+        _springs_and_gears(reading, name, joint)
     for world in root.all("world"):
         if text_of(world, "gravity"):
             vector = numbers(text_of(world, "gravity"), world, "gravity", 3, "acceleration")
@@ -326,7 +326,7 @@ def _close(reading: Reading, name: str) -> None:
 # What links and joints have ------------------------------------------------------------------
 
 
-def _fill(reading: Reading, name: str, link: Element) -> None:
+def _mass_and_shapes(reading: Reading, name: str, link: Element) -> None:
     """Mass and shapes of a link."""
     inertial = link.child("inertial")
     inertia = Inertia()
@@ -343,7 +343,7 @@ def _fill(reading: Reading, name: str, link: Element) -> None:
     reading.tree.load(name, inertia, tuple(visuals), reading.poses[name])
 
 
-def _extras(reading: Reading, name: str, joint: Element) -> None:
+def _springs_and_gears(reading: Reading, name: str, joint: Element) -> None:
     """Spring, damper and gearbox of a joint of the tree."""
     kind = joint.get("type") or ""
     if kind == "gearbox":

@@ -76,7 +76,7 @@ _FEW = 8  # curves that a legend still tells apart
 
 def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None) -> Any:
     """Axes with a quantity of a run over time."""
-    quantity = quantity or _first(result)
+    quantity = quantity or _usual_quantity(result)
     kind, _, name = quantity.partition("/")
     if quantity == "stress" or (kind == "link" and name in result.links):
         return _stress(result, None if quantity == "stress" else name, ax)
@@ -151,7 +151,7 @@ def draw(
     return on
 
 
-def _first(result: Result) -> str:
+def _usual_quantity(result: Result) -> str:
     if result.motors:
         return "torque"
     return f"frame/{result.frames[0]}" if result.frames else f"joint/{result.joints[0]}"
