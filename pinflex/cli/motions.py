@@ -212,7 +212,7 @@ def _no_pair(option: str, text: str) -> DescriptionError:
 
 def _displacements(mechanism: pf.Mechanism, texts: list[str]) -> dict[str, float]:
     """Displacements [m | rad] by name, of --to; a unit must suit the motor or coordinate."""
-    from pinflex.description.description import without_units
+    from pinflex.description.motions.motion import without_units
 
     pairs = _pairs(texts, "to")
     target = "joints" if set(pairs) <= set(mechanism.motors) else "platform"
