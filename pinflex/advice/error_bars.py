@@ -24,7 +24,6 @@ import numpy as np
 from pinflex.advice.probe import Deviation, Probe
 from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
-from pinflex.description.blocks import material
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
@@ -121,7 +120,7 @@ def _more_shapes(part: FlexiblePart) -> list[str]:
 
 def solids(mechanism: Mechanism) -> list[FlexiblePart]:
     """The links of meshes and matrices."""
-    return [p for p in mechanism.parts.values() if p.spec.basis.kind in material.KINDS]
+    return [p for p in mechanism.parts.values() if p.spec.basis.solid]
 
 
 def _of_solids(found: list[FlexiblePart]) -> tuple[list[str], str]:

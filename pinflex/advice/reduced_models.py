@@ -17,7 +17,6 @@ import numpy as np
 
 from pinflex.advice.probe import Probe, shapes_of
 from pinflex.arrays import Array
-from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.problem import Run
@@ -105,7 +104,7 @@ def enlarged(mechanism: Mechanism, changes: list[str]) -> tuple[Mechanism | None
 
 def _least(mechanism: Mechanism, spec: FlexibleLink) -> int:
     """Elastic coordinates that a link has at the least."""
-    if spec.basis.kind in material.KINDS:
+    if spec.basis.solid:
         return 0
     before = mechanism.parts[spec.link].planes
     keys = ((d, getattr(spec, key)) for d, (key, _) in PLANES.items())
@@ -336,7 +335,7 @@ def segmented(mechanism: Mechanism) -> tuple[str, ...]:
 
 def beams(mechanism: Mechanism) -> list[FlexiblePart]:
     """The links with planes: solids deform in every direction."""
-    return [p for p in mechanism.parts.values() if p.spec.basis.kind not in material.KINDS]
+    return [p for p in mechanism.parts.values() if not p.spec.basis.solid]
 
 
 def _size(part: FlexiblePart) -> tuple[str, int] | None:

@@ -297,7 +297,7 @@ def _map_notes(poses: PoseMap) -> list[str]:
 
 
 def main_columns(cases: Columns, parameters: Sequence[str]) -> list[str]:
-    """Parameters, then the numbers that matter most, as far as there are any and they fit."""
+    """Parameters, then the most important numbers that the cases have."""
     shown = [*parameters]
     for head in _MAIN:
         named = [n for n in cases if n == head or n.startswith(f"{head}.")]

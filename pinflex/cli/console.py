@@ -49,7 +49,7 @@ def check_files(figure: str | None, *others: str | None) -> None:
 
 @contextmanager
 def working(text: str) -> Iterator[None]:
-    """Say what is being done, where a person sees it, until it is."""
+    """Status line on a terminal while something is being done."""
     with Bar(text) as bar:
         bar.say()
         yield

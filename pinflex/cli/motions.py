@@ -149,7 +149,7 @@ def _command_data(
     }  # fmt: skip
 
 
-def _bars(errors: dict[str, float | None]) -> str:
+def _worded(errors: dict[str, float | None]) -> str:
     return ", ".join(
         f"{name} {'?' if e is None else length(e) if len(name) == 1 else f'{1e3 * e:.2g} mrad'}"
         for name, e in errors.items()
@@ -165,8 +165,8 @@ def _command_report(data: dict[str, Any]) -> Report:
         f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after; "
         f"motors move from {data['actuation'][0]:.3g} s before the platform to "
         f"{data['actuation'][1]:.3g} s after it. "
-        f"Estimated error of the platform: {_bars(data['error'])}, had the robot this model; by "
-        f"what the model leaves out {_bars(data['model_error'])} ({data['model_note']}).",
+        f"Estimated error of the platform: {_worded(data['error'])}, had the robot this model; by "
+        f"what the model leaves out {_worded(data['model_error'])} ({data['model_note']}).",
         table(
             "Motors", motors, "motor", "unit", ("peak", "torque"), "rms",
             ("top speed [rad/s or m/s]", "speed"), names=(24, 4),
@@ -211,8 +211,8 @@ def _no_pair(option: str, text: str) -> DescriptionError:
 
 
 def _displacements(mechanism: pf.Mechanism, texts: list[str]) -> dict[str, float]:
-    """What moves by how much (m | rad), of --to: a unit is one of what its name moves."""
-    from pinflex.description.description import without_units
+    """Displacements [m | rad] by name, of --to; a unit must suit the motor or coordinate."""
+    from pinflex.description.motions.motion import without_units
 
     pairs = _pairs(texts, "to")
     target = "joints" if set(pairs) <= set(mechanism.motors) else "platform"

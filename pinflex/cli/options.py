@@ -106,7 +106,7 @@ class Parameter:
     text: str
 
     def settings(self) -> dict[str, Any]:
-        """What argparse is given."""
+        """Keyword arguments of `argparse.add_argument`."""
         if self.kind == "bool":
             return {"action": "store_true", "help": self.help()}
         return {"type": _TYPES.get(self.kind), "metavar": self.metavar(), "help": self.help()}

@@ -353,12 +353,8 @@ def _named(runs: Sequence[Result], files: Sequence[str]) -> dict[str, Result]:
         stems = [Path(file).stem for file in files]
         names = stems if len({*stems}) == len(stems) else [str(file) for file in files]
         return dict(zip(names, runs, strict=True))
-    order = sorted(zip(levels, runs, strict=True), key=lambda x: _rank(x[0]))
-    return dict(order)
-
-
-def _rank(level: str) -> int:
-    return LEVELS.index(level) if level in LEVELS else len(LEVELS)
+    rank = {level: k for k, level in enumerate(LEVELS)}
+    return dict(sorted(zip(levels, runs, strict=True), key=lambda x: rank.get(x[0], len(rank))))
 
 
 def _opens(args: argparse.Namespace) -> bool:

@@ -1,4 +1,4 @@
-"""`pinflex check`, `advise`, `modes`, `shapers`, `frf`: what is to be known before a run."""
+"""`pinflex check`, `advise`, `modes`, `shapers` and `frf`: to be asked before a run."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _modes_text(modes: pf.Modes) -> str:
 
 
 def _who(mode: Mapping[str, Any]) -> str:
-    """What has a share of the energy, largest first; or a name for no frequency."""
+    """Links by their share of the energy, largest first; or why there is no oscillation."""
     share, f = mode["share"], mode["frequency"]
     if f == 0:
         return "free motion, no stiffness"

@@ -39,11 +39,9 @@ from pinflex.description.loops import LOOPS, PIN, RESIST, Loop, read_loops, resi
 from pinflex.description.motions import motion
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
-from pinflex.description.robots import urdf
 from pinflex.description.section import Section
 from pinflex.description.solve import KEYS as SOLVE
 from pinflex.description.solve import SolveSpec, read_solve
-from pinflex.description.trajectories import profiles
 from pinflex.errors import DescriptionError, ModelNotFoundError, nearest
 from pinflex.rotations import quaternion
 from pinflex.text import brief
@@ -88,70 +86,6 @@ def read_home(value: object, where: str, types: Mapping[str, str]) -> Home:
                 )
             home[name] = values
     return home
-
-
-# The block `motion` of a YAML file, checked against the robot that it moves.
-
-
-def without_units(motion: object, types: Mapping[str, str]) -> object:
-    """A motion whose displacements have no units: "3 deg" is a number of rad."""
-    if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
-        return motion
-    found = dict(motion)
-    kinds = {"platform": dict.fromkeys("xyz", "prismatic"), "joints": types}
-    for target, of in kinds.items():
-        if isinstance(found.get(target), dict):
-            found[target] = {
-                name: schema.measured(value, schema.quantity(of.get(name, "")))
-                for name, value in found[target].items()
-            }
-    return found
-
-
-def read_motion(
-    value: object,
-    where: str,
-    folder: Path,
-    actuated: tuple[str, ...],
-    has_platform: bool,
-    urdf_text: str,
-) -> dict[str, Any]:
-    """The checked block, for `motion.from_spec`, with the limits that only the URDF writes."""
-    block = copy.deepcopy(schema.mapping(value, where))
-    if isinstance(block.get("file"), str):
-        block["file"] = str(folder.resolve() / block["file"])  # found from any folder
-    _fill_limits(block, where, urdf_text)
-    checked = motion.from_spec(block, where)
-    if checked.target == "platform" and not has_platform:
-        raise DescriptionError(
-            f"{where}: moves the platform, but the description names none. Add `platform: FRAME`."
-        )
-    if checked.target == "joints":
-        place = schema.at(where, "joints")
-        for name in checked.names:
-            schema.known(name, place, actuated, "joint with a motor")
-    return block
-
-
-def _fill_limits(block: dict[str, Any], where: str, urdf_text: str) -> None:
-    """Put limits of the URDF under those that a profile of joints by limits leaves out."""
-    moves, times = block.get("joints"), {"ramp", "duration", "speed"}
-    quantities = profiles.KINDS.get(str(block.get("kind")), ())
-    if not isinstance(moves, dict) or (block.get("kind") == "trapezoid" and times & set(block)):
-        return
-    for quantity in quantities:
-        own = block.get(quantity)
-        if own is not None and not isinstance(own, dict):
-            continue
-        known = getattr(urdf.motor_limits(urdf_text, moves), quantity)
-        block[quantity] = known | (own or {})
-        for name in moves:
-            if block[quantity].get(name) is None:
-                raise DescriptionError(
-                    f"{where}.{quantity}: {name} has no {quantity} limit here, and none in the "
-                    f"URDF. Write {quantity}: {{{name}: ...}} in {profiles.UNITS[quantity]}.",
-                    where=f"{where}.{quantity}",
-                )
 
 
 # The file of a description: a path, a folder, or the name of a model that comes with pinflex.
@@ -460,10 +394,10 @@ def _describe(
         joints = with_urdf_dynamics(joints, block.get("joints", {}), tree, single)
     values["system_damping"], values["flexible"] = flexible.read(block, tree)
     if "motion" in block:
-        moved = without_units(block["motion"], types)
-        values["motion"] = read_motion(
-            moved, block.at("motion"), folder, motors, "platform" in block, tree.text
-        )
+        values["motion"] = motion.read(
+            motion.without_units(block["motion"], types), block.at("motion"), folder, motors,
+            "platform" in block, tree.text,
+        )  # fmt: skip
     return Description(
         name=name,
         path=path,
@@ -484,7 +418,7 @@ def _describe(
 
 
 def _robot(raw: Mapping[str, Any]) -> str:
-    """What says which robot it is."""
+    """Text that changes with the robot: its file, the arguments, the loops that become joints."""
     return f"{raw.get('urdf')} {raw.get('xacro_args')}{_resisting(raw) or ''}"
 
 

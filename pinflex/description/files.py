@@ -1,4 +1,4 @@
-"""Files that a description names: regular ones, of a size that can be meant."""
+"""Files that a description names: regular ones, of plausible size."""
 
 from __future__ import annotations
 

@@ -328,7 +328,7 @@ def register_shape(shape: Shape) -> None:
 
 
 def form() -> schema.Form:
-    """What a section looks like, as JSON Schema says it."""
+    """JSON Schema of the block `section`."""
     return {"anyOf": [schema.block_form(shape.table) for shape in SHAPES.values()]}
 
 

@@ -16,7 +16,7 @@ from pinflex.actuation.path import motor_axes
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
-from pinflex.description.motions.trajectory import MODES, ShaperSpec, shaped
+from pinflex.description.motions.trajectory import MODES, ShaperSpec
 from pinflex.errors import DescriptionError
 from pinflex.levels.modes import Modes, allowed_motions, modes, vibrating
 from pinflex.mechanics.evaluation.equations import Equations
@@ -113,9 +113,9 @@ def ringing(mechanism: Mechanism, motion: Motion, count: int | None = None) -> R
 def shaped_as(mechanism: Mechanism, motion: Motion, asked: ShaperSpec) -> Motion:
     """A motion with a shaper, of given frequencies or of the modes that it excites."""
     if asked.frequencies:
-        return shaped(motion, asked.kind, asked.frequencies, asked.damping)
+        return motion.shaped(asked.kind, asked.frequencies, asked.damping)
     found = ringing(mechanism, motion, asked.modes)
-    return shaped(motion, asked.kind, found.frequencies.tolist(), found.damping.tolist())
+    return motion.shaped(asked.kind, found.frequencies.tolist(), found.damping.tolist())
 
 
 def _excited(mechanism: Mechanism, motion: Motion) -> tuple[Array, Array, Array]:

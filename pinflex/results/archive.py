@@ -218,7 +218,7 @@ def check(meta: Any, arrays: Mapping[str, Array], t: Array) -> None:
         raise _wrong("meta", meta)
     for key, kind in _META.items():
         if key in meta:
-            _fit(meta[key], kind, f"meta.{key}")
+            _require_kind(meta[key], kind, f"meta.{key}")
     platform = meta.get("platform")
     if platform is not None and not isinstance(platform, str):
         raise _wrong("meta.platform", platform)
@@ -264,19 +264,19 @@ def _check_rotations(key: str, R: Array) -> None:
         raise _wrong(f"{key}[{wrong[0]}]", f"a matrix of determinant {volume[wrong[0]]:.3g}")
 
 
-def _fit(value: Any, kind: Any, where: str) -> None:
+def _require_kind(value: Any, kind: Any, where: str) -> None:
     if isinstance(kind, list):
         if not isinstance(value, list) or len(kind) not in (1, len(value)):
             raise _wrong(where, value)
         for k, item in enumerate(value):
-            _fit(item, kind[0], f"{where}[{k}]")
+            _require_kind(item, kind[0], f"{where}[{k}]")
     elif isinstance(kind, dict):
         if not isinstance(value, dict):
             raise _wrong(where, value)
         for key in kind.keys() - value.keys() if isinstance(kind, _Whole) else ():
             raise _wrong(f"{where}.{key}", None)
         for key, item in value.items():
-            _fit(item, kind.get(key, kind.get(None, object)), f"{where}.{key}")
+            _require_kind(item, kind.get(key, kind.get(None, object)), f"{where}.{key}")
     elif (
         not isinstance(value, kind)
         or (kind is int and isinstance(value, bool))
@@ -306,20 +306,7 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, Array]) -> None:
             kind = zipfile.ZIP_DEFLATED if coded or _shrinks(array) else zipfile.ZIP_STORED
             archive.compression = kind
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
-                if coded:
-                    _by_runs(part)
                 np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
-
-
-def _by_runs(part: Any) -> None:
-    """Look for runs of equal bytes alone in what is written to a member of an archive.
-
-    Of coded arrays that is nearly all that their high bytes have, and their low bytes have
-    nothing: it takes half the time for 4 % more bytes. zipfile has no argument for it; where its
-    writer keeps the compressor elsewhere, that stays as it is.
-    """
-    if hasattr(part, "_compressor"):
-        part._compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS, strategy=zlib.Z_RLE)
 
 
 def contents(

@@ -58,9 +58,9 @@ def _level_table(c: Comparison, best: str) -> Table:
     peaks = f", torque in % of the {best} peak" if best else ""
     return table(
         f"Levels, simplest first; differences from rigid{peaks}", rows, "level",
-        ("torque [%]", lambda x: _share(x["torque_percent"]), _brief(2)),
-        (f"deviation [{unit}]", "deviation", _brief(3)), ("stress [MPa]", "stress", _brief(3)),
-        ("CPU [s]", "cpu", _brief(2)), "verdict", names=(22,), prose=True,
+        ("torque [%]", lambda x: _share(x["torque_percent"]), _digits(2)),
+        (f"deviation [{unit}]", "deviation", _digits(3)), ("stress [MPa]", "stress", _digits(3)),
+        ("CPU [s]", "cpu", _digits(2)), "verdict", names=(22,), prose=True,
     )  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def _share(percents: float | None) -> float | None:
     return None if percents is None else percents / 100
 
 
-def _brief(digits: int) -> Callable[[float | None], str]:
+def _digits(digits: int) -> Callable[[float | None], str]:
     def show(x: float | None) -> str:
         if x is None or x < 1e-12:
             return "-" if x is None else "0"
@@ -295,12 +295,6 @@ def torque_row(label: str, rigid: Result | None, run: Result, i: int) -> TorqueR
     )
 
 
-def platform_row(label: str, rigid: Result, run: Result) -> PlatformRow:
-    """Largest deviations of the platform from the rigid run."""
-    frame = str(rigid.meta["platform"])
-    return farthest(label, frame, run.deviation_from(rigid, frame))
-
-
 def farthest(label: str, frame: str, deviation: Deviation) -> PlatformRow:
     """Largest deviations of a frame."""
     far, turned = int(np.argmax(deviation.norm)), int(np.argmax(deviation.angle))
@@ -501,7 +495,9 @@ def _platform_rows(
 ) -> tuple[PlatformRow, ...]:
     if rigid is None or frame is None:
         return ()
-    return tuple(platform_row(label, rigid, run) for label, run in others.items())
+    return tuple(
+        farthest(label, frame, run.deviation_from(rigid, frame)) for label, run in others.items()
+    )
 
 
 def _residual_rows(

@@ -68,18 +68,14 @@ class DriveView(View):
     @property
     def limit_curve(self) -> Array:
         """Points motor speed [rad/s], motor torque [N m], shape (n, 2); n = 0 for none."""
-        return np.array(self._meta.get("limit_curve", ()), float).reshape(-1, 2)
+        known = self.result.meta["drives"][self.name].get("limit_curve", ())
+        return np.array(known, float).reshape(-1, 2)
 
     @property
     def use(self) -> float | None:
         """Largest motor torque over the limit at its speed; infinite beyond the last speed."""
         curve = self.limit_curve
         return share_of_limit(curve, self.motor_speed, self.motor_torque) if len(curve) else None
-
-    @property
-    def _meta(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.result.meta["drives"][self.name]
-        return found
 
 
 def share_of_limit(curve: Array, speed: Array, torque: Array) -> float:

@@ -34,7 +34,7 @@ OUTLINE = 96  # points of an outline
 _DIRECTIONS = 400  # over a sphere, from which the farthest place is climbed to
 _CLIMBS, _ROUNDS = 30, 300
 _NOTHING = 1e-12  # of a direction: what is round-off
-_NONE = 1e-8  # of a load: a force that is none where the loops are overconstrained
+_NONE = 1e-8  # of a load: below it a force counts as zero in overconstrained loops
 _EVEN = np.pi * (3.0 - np.sqrt(5.0))  # the golden angle
 
 
@@ -90,7 +90,7 @@ class Play:
         found = np.zeros(u.shape)
         for c, T, force in zip(self.sizes, self.moves, self._forces(u), strict=True):
             size = np.linalg.norm(force, axis=-1, keepdims=True)
-            if self._held_by_itself:  # of a force that is none, the lean with which moves agree
+            if self._held_by_itself:  # of a force of zero, the lean with which moves agree
                 size = np.hypot(size, _NONE * float(np.linalg.norm(u)))
             found += c * np.divide(force, size, out=np.zeros_like(force), where=size > 0.0) @ T.T
         return found
@@ -247,7 +247,11 @@ class PlayMap:
         """
         arrays, units = of_poses(self.grid, self.errors), dict(self.units)
         names = ("play", "play.turn", *(f"play.{axis}" for axis in AXES))
-        rows = [_numbers(each) for each in self.plays.reshape(-1)]
+        rows = [
+            [np.nan] * len(names) if each is None
+            else [each.farthest[0], each.largest_turn[0], *each.extent.tolist()]
+            for each in self.plays.reshape(-1)
+        ]  # fmt: skip
         for k, name in enumerate(names):
             arrays[name] = column([row[k] for row in rows])
             units[name] = "rad" if k == 1 or k > 4 else "m"
@@ -260,9 +264,3 @@ class PlayMap:
             ax: Where to draw; default: axes of a new figure.
         """
         return door("viewer.plots.maps", "axes_of_plays")(self, ax)
-
-
-def _numbers(play: Play | None) -> list[float]:
-    if play is None:
-        return [float("nan")] * 8
-    return [play.farthest[0], play.largest_turn[0], *play.extent.tolist()]

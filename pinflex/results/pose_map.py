@@ -107,7 +107,7 @@ def check_suffix(path: str | Path) -> Path:
 
 
 def column(values: Sequence[Any]) -> Column:
-    """Numbers and flags as numbers, all else as text; None where there is none."""
+    """Numbers and flags as numbers, all else as text; None becomes nan or ""."""
     if all(value is None or isinstance(value, (bool, int, float)) for value in values):
         array: Column = np.array([np.nan if value is None else value for value in values], float)
     else:
@@ -139,7 +139,7 @@ def _parquet(headings: Mapping[str, Column], path: Path) -> None:
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 HELD, FREE = "others held", "others free"  # the two stiffnesses along an axis: K_xx and 1/C_xx
 _ROUND_OFF = 1e-10  # of the largest compliance, rows scaled to one size
-_ACROSS = 1e-3  # share of an axis in rigid directions, above which a move along it alone is none
+_ACROSS = 1e-3  # share of an axis in rigid directions, above which it cannot move along it alone
 
 
 @frozen

@@ -318,7 +318,7 @@ class Result:
 
     @property
     def known_errors(self) -> ErrorBars | None:
-        """`errors` as far as they are known without measuring."""
+        """`errors` without those that would have to be measured; None if nothing is known."""
         stored = self.meta.get("errors")
         found = self.__dict__.get("errors")
         return found if isinstance(found, ErrorBars) else ErrorBars(**stored) if stored else None

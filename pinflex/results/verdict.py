@@ -257,7 +257,7 @@ def _suffices(c: Comparison) -> str:
 
 
 def miss(row: LevelRow, c: Comparison) -> str:
-    """By how much a level is off that does not suffice, or that it does."""
+    """Either "suffices", or by how much the level misses: "misses 0.2 mm, torque 7 %"."""
     if row.suffices is None:
         return ""
     if len(c.levels) < 2:

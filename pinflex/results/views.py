@@ -76,7 +76,7 @@ def point_stress(
     """Stress over time at the point (y, z) of every section of a link."""
     view = result.link(link)
     section = section_of(result, link)
-    _inside(section, y, z, link)
+    _require_inside(section, y, z, link)
     forces = view.resultant if forces is None else forces
     N, T, My, Mz = (forces[:, :, k] for k in (0, 3, 4, 5))
     sigma = N / section.A + My * (z / section.Iy) - Mz * (y / section.Iz)
@@ -112,7 +112,7 @@ def torsion_shear(
     return field(section, y, z)
 
 
-def _inside(section: Section, y: float, z: float, link: str) -> None:
+def _require_inside(section: Section, y: float, z: float, link: str) -> None:
     ys, zs = (max(abs(p[k]) for p in section.fibres) for k in (0, 1))
     if abs(y) > ys * (1 + 1e-9) or abs(z) > zs * (1 + 1e-9):
         raise DescriptionError(

@@ -103,7 +103,7 @@ def forked(work: Task, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, A
                 except (EOFError, OSError):
                     done, answer = True, KILLED
                 number = one.number
-                if answer is KILLED or not _given(one, next(left, None)):
+                if answer is KILLED or not _sent(one, next(left, None)):
                     _end(copies.pop(one.pipe))
                     if answer is KILLED:
                         more()
@@ -116,8 +116,8 @@ def forked(work: Task, items: Sequence[Any], jobs: int) -> Iterator[tuple[int, A
             _end(one)
 
 
-def _given(one: _Copy, number: int | None) -> bool:
-    """Whether a copy has got another item to work on."""
+def _sent(one: _Copy, number: int | None) -> bool:
+    """Send a copy its next item; False where there is none."""
     if number is None:
         return False
     one.pipe.send(number)
@@ -131,7 +131,7 @@ def _end(one: _Copy) -> None:
 
 
 def _copy(work: Task, items: Sequence[Any], number: int, others: Sequence[Connection]) -> _Copy:
-    """A copy of this process that works on an item, and then on what it is given."""
+    """A copy of this process that works on an item, and then on those sent to it."""
     here, there = Pipe()
     parent = os.getpid()
     sys.stdout.flush()  # else it would be written twice

@@ -1,4 +1,4 @@
-"""Work and precision on a scene of one's own: levels, internal modes, integrators and steps.
+"""Work and precision on a scene of your own: levels, internal modes, integrators and steps.
 
 Every case is compared with a converged run of the coupled level, which is refined until two runs in
 a row agree, and then once more with more internal modes. An error is max_t |x - ref| / max_t |ref|
@@ -264,7 +264,7 @@ _PANEL = 3.0  # [in]
 
 def drawing(study: Bench) -> Drawing:
     """The figure, and its panels by output."""
-    each = {name: partial(_alone, study=study, name=name) for name in _outputs(study)}
+    each = {name: partial(_panel_with_legend, study=study, name=name) for name in _outputs(study)}
     return Drawing(partial(figure, study), each)
 
 
@@ -297,7 +297,7 @@ def _looks(study: Bench) -> tuple[dict[str, str], dict[int, str]]:
     return colours, dict(zip(modes, _MARKERS, strict=False))
 
 
-def _alone(ax: Any, study: Bench, name: str) -> None:
+def _panel_with_legend(ax: Any, study: Bench, name: str) -> None:
     looks = _looks(study)
     _panel(ax, study, name, *looks)
     ax.legend(handles=_handles(study, *looks), frameon=False, fontsize=8)

@@ -182,13 +182,12 @@ def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tupl
     from which H1 and the coherence are estimated (Hann windows, eight segments).
     """
     try:
-        columns = {name: np.array(x, dtype=np.float64) for name, x in table(path).items()}
+        written = table(path, "measured")
+        columns = {name: np.array(x, dtype=np.float64) for name, x in written.items()}
     except ValueError as error:
         raise DescriptionError(f"{path}: a cell is no number ({error}).") from None
-    except DescriptionError as error:
-        raise DescriptionError(str(error).replace("sampled.file", "measured", 1)) from None
     if "frequency" in columns:
-        found = [_given(columns, name) for name in outputs]
+        found = [_tabulated(columns, name) for name in outputs]
     elif "t" in columns and source in columns:
         found = [_estimated(columns, source, name) for name in outputs if name in columns]
     else:
@@ -205,7 +204,7 @@ def read_measured(path: str | Path, source: str, outputs: Sequence[str]) -> tupl
     return known
 
 
-def _given(columns: dict[str, Array], name: str) -> Measured | None:
+def _tabulated(columns: dict[str, Array], name: str) -> Measured | None:
     f, coherence = columns["frequency"], columns.get(f"{name}.coherence")
     if f"{name}.magnitude" in columns and f"{name}.phase" in columns:
         phase = np.deg2rad(columns[f"{name}.phase"])
@@ -306,7 +305,7 @@ def _platform_zeros(mechanism: Mechanism) -> Array | None:
 def _range(
     mechanism: Mechanism, q: Array | None, alive: Array, span: tuple[float | None, float | None]
 ) -> Array:
-    """Frequencies [Hz], closer about the natural ones `alive`; the links decide how far."""
+    """Grid of frequencies [Hz], refined near the natural ones `alive`, to beyond six modes."""
     low, high = span
     if low is None or high is None:
         bends = mechanism.compliant
@@ -459,23 +458,23 @@ class ShaperRow:
 def shapers(
     mechanism: Mechanism, modes: int | None = None
 ) -> tuple[Ringing, tuple[ShaperRow, ...]]:
-    """What ZV, ZVD and EI, as far as they take so many, would do for what the motion excites."""
+    """Effect of ZV, ZVD and EI on the modes that the motion excites; kinds that take so many."""
     found = ringing(mechanism, plain_motion(mechanism), modes)
     few = (kind for kind in KINDS if len(found.frequencies) <= most_modes(kind))
-    return found, tuple(_row(kind, found) for kind in few)
+    return found, tuple(_shaper_row(kind, found) for kind in few)
 
 
-def _row(kind: str, found: Ringing) -> ShaperRow:
+def _shaper_row(kind: str, found: Ringing) -> ShaperRow:
     made = shaper(kind, found.frequencies.tolist(), found.damping.tolist())
-    left = _left(made, found, np.array(ERRORS))
+    left = _residual(made, found, np.array(ERRORS))
     low, high = found.low / found.frequencies - 1.0, found.high / found.frequencies - 1.0
-    ends = [_left(made, found, np.array([e]), k)[0] for k, x in enumerate(zip(low, high,
+    ends = [_residual(made, found, np.array([e]), k)[0] for k, x in enumerate(zip(low, high,
             strict=True)) for e in x]  # fmt: skip
-    good = _left(made, found, _FINE) <= TOLERATED + 1e-9
+    good = _residual(made, found, _FINE) <= TOLERATED + 1e-9
     return ShaperRow(kind, made.duration, left, max(ends), float(np.mean(good)))
 
 
-def _left(made: Shaper, found: Ringing, errors: Array, only: int | None = None) -> Array:
+def _residual(made: Shaper, found: Ringing, errors: Array, only: int | None = None) -> Array:
     """Largest residual of the modes (or of one) with their frequencies off, shape (errors,)."""
     each = [
         made.residual(f * (1.0 + errors), float(z))

@@ -251,7 +251,7 @@ class _Loop:
         return F
 
     def _over(self, h: float) -> tuple[Array, Array]:
-        """What x and an input held become in a time (s)."""
+        """Matrices that lead x and a held input over a time h (s): expm of the whole."""
         if h not in self.known:
             n, nu = self.B.shape
             whole = np.zeros((n + nu, n + nu))

@@ -78,7 +78,7 @@ def scene_outputs(
             if rigid is None and (beside is not None or not _nominal(mechanism)):
                 rigid = _rigid(mechanism, run, options)
             away = _deviation(mechanism, run, rigid, options)
-        found = _of_run(mechanism, run, groups, away)
+        found = _groups_of(mechanism, run, groups, away)
         found |= {} if beside is None else beside(run, rigid)
     if "frequency" in groups:
         frequencies, _ = first_frequencies(mechanism, _FREQUENCIES)
@@ -160,7 +160,7 @@ def _deviation(
     return {"deviation.position": place.position, "deviation.rotation": place.rotation}
 
 
-def _of_run(
+def _groups_of(
     mechanism: Mechanism, run: Result, groups: set[str], away: Mapping[str, float]
 ) -> dict[str, Any]:
     """The groups of a run; of poses, forces and stresses only what they need is found."""

@@ -22,8 +22,7 @@ from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, load, takes_model
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.play import Play, PlayMap
-from pinflex.studies.pose import moved
-from pinflex.studies.pose_map import displacements, instants_of
+from pinflex.studies.pose_map import pose_of, poses_of
 
 _BALLS = ("spherical", "universal")  # loops that hold all of a point
 _PINS = ("revolute", "planar", "cylindrical")  # that hold it across an axis
@@ -125,16 +124,12 @@ def play_map(
     """
     mechanism = model if isinstance(model, Mechanism) else load(model)
     first = play(mechanism, None, clearance)  # what is wrong with the request, once
-    if along is None:
-        axes, units, cases = displacements(mechanism, grid or {})
-    else:
-        axes, cases = instants_of(mechanism, along, instants)
-        units = {"t": "s"}
+    axes, units, cases = poses_of(mechanism, grid, along, instants)
     shape, told = tuple(map(len, axes.values())), callback(progress)
     plays, errors = np.full(shape, None, dtype=object), np.full(shape, "", dtype=object)
     for k, (at, case) in enumerate(zip(np.ndindex(*shape), cases, strict=True)):
         try:
-            q = np.array(case["q"]) if "q" in case else moved(mechanism, case["by"])
+            q = pose_of(mechanism, case)
             plays[at] = first if not axes else play(mechanism, q, clearance)
         except SceneError as error:
             errors[at] = str(error)
@@ -254,7 +249,7 @@ def _pins_of_loops(
 
 
 def _shifts(dynamics: Equations, q: Array, closed: Closures) -> Array:
-    """What rows change by where body b is shifted in the world, shape (rows, 3)."""
+    """Change of the rows per shift of body b in the world, shape (rows, 3)."""
     found = np.zeros((closed.n, 3))
     if not closed.n:
         return found

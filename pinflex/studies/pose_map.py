@@ -81,9 +81,7 @@ def pose_map(
     require_vibrating(mechanism)
     if along is not None and grid:
         raise DescriptionError(f"{mechanism.name}: map: a grid and a motion. Give one of them.")
-    axes, cases = (
-        _grid(mechanism, grid or {}) if along is None else instants_of(mechanism, along, instants)
-    )
+    axes, units, cases = poses_of(mechanism, grid, along, instants)
     preload = preload if is_loaded(mechanism) else "none"
     named = keys(description, cases, "map", count, preload, free_motors, stiffness)
     settings = {"preload": preload, "free_motors": free_motors}
@@ -97,7 +95,6 @@ def pose_map(
     if all(record.error for record in found.values()):
         first = next(iter(found.values()))
         raise ConvergenceError(f"{mechanism.name}: not one pose has an answer: {first.error}")
-    units = _units(mechanism, axes) if along is None else {"t": "s"}
     tables = _gathered(mechanism, shape, found, count, None if along is None else (0,))
     # a journal of an older version, or a failed pose, has none
     sides = np.array([(x.found or {}).get("side", [np.nan])[0] for x in found.values()], float)
@@ -106,34 +103,30 @@ def pose_map(
     )  # fmt: skip
 
 
-def _grid(mechanism: Mechanism, grid: Mapping[str, object]) -> tuple[dict[str, Array], list[Case]]:
-    """Axes of a grid of displacements, and its poses."""
-    axes = {
-        name: _increasing(name, v) for name, v in listed(grid, f"{mechanism.name}: map").items()
-    }
-    moved(mechanism, dict.fromkeys(axes, 0.0))  # names every coordinate that does not exist
-    cases = combined({name: values.tolist() for name, values in axes.items()})
-    return axes, [{"by": case} for case in cases]
-
-
-def displacements(
-    mechanism: Mechanism, grid: Mapping[str, object]
+def poses_of(
+    mechanism: Mechanism, grid: Mapping[str, object] | None, along: Motion | None, instants: int
 ) -> tuple[dict[str, Array], dict[str, str], list[Case]]:
-    """Axes of a grid of displacements, their units, and its poses."""
-    axes, cases = _grid(mechanism, grid)
-    return axes, _units(mechanism, axes), cases
+    """Axes of a grid of displacements or instants of a motion, their units, and the poses."""
+    if along is not None:
+        if instants < 2:
+            raise DescriptionError(f"map: instants: {instants}. Give at least 2.")
+        end = mechanism.description.solve.until or along.duration
+        t = np.linspace(0.0, min(end, along.duration) or end, instants)
+        q = nominal(mechanism, along, t).q
+        cases = [{"t": x, "q": row} for x, row in zip(t.tolist(), q.tolist(), strict=True)]
+        return {"t": t}, {"t": "s"}, cases
+    where = f"{mechanism.name}: map"
+    axes = {name: _increasing(name, values) for name, values in listed(grid or {}, where).items()}
+    moved(mechanism, dict.fromkeys(axes, 0.0))  # names every coordinate that does not exist
+    lengths = sliding(mechanism.rigid.rigid) | {*"xyz"}
+    units = {name: "m" if name in lengths else "rad" for name in axes}
+    every = combined({name: values.tolist() for name, values in axes.items()})
+    return axes, units, [{"by": case} for case in every]
 
 
-def instants_of(
-    mechanism: Mechanism, motion: Motion, instants: int
-) -> tuple[dict[str, Array], list[Case]]:
-    """Instants of a motion, and its poses."""
-    if instants < 2:
-        raise DescriptionError(f"map: instants: {instants}. Give at least 2.")
-    end = mechanism.description.solve.until or motion.duration
-    t = np.linspace(0.0, min(end, motion.duration) or end, instants)
-    path = nominal(mechanism, motion, t)
-    return {"t": t}, [{"t": float(x), "q": q.tolist()} for x, q in zip(t, path.q, strict=True)]
+def pose_of(mechanism: Mechanism, case: Case) -> Array:
+    """The rigid configuration of one of the poses, shape (nq,)."""
+    return np.array(case["q"]) if "q" in case else moved(mechanism, case["by"])
 
 
 @lru_cache(maxsize=1)
@@ -147,7 +140,7 @@ def _at(
 ) -> dict[str, Any]:
     """Frequencies, shapes and compliance of one pose, as plain lists."""
     mechanism = _loaded(packed)
-    q = np.array(case["q"]) if "q" in case else moved(mechanism, case["by"])
+    q = pose_of(mechanism, case)
     every = modes(mechanism, q, count=mechanism.flexible.nv, **settings)
     first = first_modes(every, count, zeros=True)
     found = {"y": first.y, "frequencies": first.frequencies, "shapes": first.shapes}
@@ -197,9 +190,3 @@ def _increasing(name: str, values: Iterable[Any]) -> Array:
             f"map: {name}: {shown(list(values))} are no increasing numbers. Write a:b:n, or a,b,..."
         )
     return found
-
-
-def _units(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
-    """m of x, y, z and of motors that slide, else rad."""
-    lengths = sliding(mechanism.rigid.rigid) | {*"xyz"}
-    return {name: "m" if name in lengths else "rad" for name in names}

@@ -47,23 +47,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Level coupled where a scene leaves its steps open: within a tolerance, unless that is dear.
+# Steps of level coupled where the scene names none: by a tolerance, unless that is too expensive.
 #
-# A comparison is to be true to the digits that it shows. A tolerance keeps that, mostly for less
-# than equal steps of unknown error take; where something undamped rings all the time it can take
+# A comparison should be true to the digits that it shows. A tolerance ensures that, mostly at less
+# cost than equal steps of unknown error; where something undamped rings all the time it can cost
 # far more.
 
 OPEN_TOL = 1e-3  # a tenth of it is reached mostly, and a table shows three digits
 
 
 class _TooDear(Exception):
-    """More steps of collocation than equal ones would be."""
+    """Collocation needs more steps than equal steps would be."""
 
 
 def steps_are_open(mechanism: Mechanism) -> bool:
     """Whether a scene leaves the steps of level coupled open, and collocation serves it.
 
-    By that it takes half the time of equal steps, with a twentieth of their error or less.
+    Collocation then takes half the time of equal steps, at a twentieth of their error or less.
     """
     spec, controlled = mechanism.description.solve, mechanism.description.control is not None
     said = (spec.dt, spec.tol, spec.integrator, spec.rho_inf, spec.newmark)
@@ -83,11 +83,11 @@ def solved(
 
 
 def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | None) -> Callback:
-    """A progress that ends a run which takes more steps than equal ones would be."""
+    """A progress that ends a run once it has taken more steps than equal steps would."""
     end = mechanism.description.solve.until or (motion or default_motion(mechanism)).duration
-    left = int(end / default_step(mechanism, end)) // TOGETHER  # a run tells of so many at a time
+    left = int(end / default_step(mechanism, end)) // TOGETHER  # steps of one report
 
-    def told(done: int, of: int) -> None:
+    def report(done: int, of: int) -> None:
         nonlocal left
         left -= 1
         if left < 0 and done < of:
@@ -95,23 +95,42 @@ def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | N
         if progress is not None:
             progress(done, of)
 
-    return told
+    return report
 
 
 # What a comparison says beside its numbers: why a level is missing, what weakens the others.
 
-_BEYOND_YIELD = 1.0
+Say = Callable[[str], Callback | None]  # from what comes next to its progress
 _RESTS = 1e-6  # of the largest speed of a motor: at the end it stands
 
 
 @dataclass
 class Outcomes:
-    """Runs of the levels so far, and the errors of those that stopped."""
+    """Runs of the levels so far, and the errors of those that stopped.
+
+    Attributes:
+        files: Of the runs. drawn: The runs as these files have them, by level.
+    """
 
     runs: dict[str, Result] = field(default_factory=dict)
     partial: dict[str, Result] = field(default_factory=dict)
     unsolved: dict[str, PinflexError] = field(default_factory=dict)
     cpu: dict[str, float] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+    drawn: dict[str, Result] = field(default_factory=dict)
+
+    def keep(self, run: Result, complete: bool, folder: Path | None, say: Say) -> None:
+        """Write a run to its file, if there is a folder for it."""
+        if folder is None:
+            return
+        say(f"saving {run.level}")
+        self.files.append(folder / file_name(run, complete))
+        read: dict[str, Array] = {}
+        members = archive.contents(run.t, run.arrays, run.meta, compact=True, read=read)
+        archive.write(self.files[-1], members)
+        self.drawn[run.level] = Result(run.t, Late(read, {}), Late(archive.meta_of(members), {}))
+        # what an earlier comparison left of this level would contradict the table
+        (folder / file_name(run, not complete)).unlink(missing_ok=True)
 
 
 def file_name(run: Result, complete: bool = True) -> str:
@@ -155,7 +174,7 @@ def _yielding(mechanism: Mechanism, runs: Mapping[str, Result]) -> list[str]:
         name
         for run in runs.values()
         for name, strength in yield_strengths(mechanism).items()
-        if name in run.links and peak(run.link(name).von_mises) > _BEYOND_YIELD * strength
+        if name in run.links and peak(run.link(name).von_mises) > strength
     }
     if not beyond:
         return []
@@ -334,57 +353,36 @@ def compare(
     Raises:
         DescriptionError: An unknown level, nothing flexible, or input that no level can take.
     """
-    tell = progress if isinstance(progress, Stages) else Stages() if progress is True else None
-    steps = None if isinstance(progress, Stages | bool) else progress
-    runs: dict[str, Path] = {}
-    drawn: dict[str, Result] = {}  # as the files of the runs have them
-
-    def keep(level: str, run: Result, complete: bool) -> None:
-        if folder is None:
-            return
-        if tell is not None:
-            tell(f"saving {level}")
-        runs[level] = Path(folder) / file_name(run, complete)
-        read: dict[str, Array] = {}
-        members = archive.contents(run.t, run.arrays, run.meta, compact=True, read=read)
-        archive.write(runs[level], members)
-        drawn[level] = Result(run.t, Late(read, {}), Late(archive.meta_of(members), {}))
-        # what an earlier comparison left of this level would contradict the table
-        (Path(folder) / file_name(run, not complete)).unlink(missing_ok=True)
-
-    def say(text: str) -> None:
-        if tell is not None:
-            tell(text)
-
-    try:
-        each = (lambda level: steps) if tell is None else tell
-        done = study(mechanism, levels, each, keep, band, say, errors, motion, tol)
-        if folder is None:
-            return done
-        # the page is drawn from what the files of its runs hold: they alone give the same page
-        return replace(done, files=(*write(done, Path(folder), say, drawn), *runs.values()))
-    finally:
-        if tell is not None:
-            tell.close()
-
-
-def study(
-    mechanism: Mechanism,
-    levels: Sequence[str] = LEVELS,
-    progress: Callable[[str], Callback | None] = lambda level: None,
-    keep: Callable[[str, Result, bool], None] = lambda level, run, complete: None,
-    band: float = BAND,
-    tell: Callable[[str], None] = lambda text: None,
-    errors: bool = False,
-    motion: Motion | None = None,
-    tol: float = TOL,
-) -> Study:
-    """Solve a scene at several levels and compare; a level that fails does not stop the others."""
     if not mechanism.compliant:
         raise DescriptionError(
             f"{mechanism.name}: nothing is flexible, no link and no joint, so there is nothing to "
             "compare with rigid. Write some under `flexible`, or use `pinflex solve`."
         )
+    ordered, into = _ordered(levels), None if folder is None else Path(folder)
+    stages = progress if isinstance(progress, Stages) else Stages() if progress is True else None
+    steps = None if isinstance(progress, Stages | bool) else progress
+    say: Say = (lambda text: steps) if stages is None else stages
+    try:
+        record = _solved_levels(mechanism, motion, ordered, errors, into, say)
+        say("frequencies")
+        end = (motion or default_motion(mechanism)).duration
+        table = _table(mechanism, record, band, end, tol)
+        done = Study(mechanism, record.runs, record.partial, record.unsolved, table)
+        return done if into is None else replace(done, files=_written(done, record, into, say))
+    finally:
+        if stages is not None:
+            stages.close()
+
+
+def _solved_levels(
+    mechanism: Mechanism,
+    motion: Motion | None,
+    levels: Sequence[str],
+    errors: bool,
+    folder: Path | None,
+    say: Say,
+) -> Outcomes:
+    """Runs of the levels, each kept in the folder as it ends; one that fails stops no other."""
     record = Outcomes()
 
     def beside(run: Result) -> Result:  # so that its file alone gives the same page
@@ -392,14 +390,13 @@ def study(
         run = run if rigid is None else with_rigid_torque(run, rigid)
         return replace(run, meta={**run.meta, "remark": said}) if said else run
 
-    ordered = _ordered(levels)
-    for level in ordered:
+    for level in levels:
         began = time.process_time()
         try:
-            run = solved(mechanism, motion, level, progress(level))
+            run = solved(mechanism, motion, level, say(level))
             record.cpu[level] = time.process_time() - began
-            if level == ordered[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
-                tell("error bars")
+            if level == levels[-1] and (errors or mechanism.flexible.n_eta <= _QUICK):
+                say("error bars")
                 run = run.with_errors()
             run = beside(run)
         except np.linalg.LinAlgError as error:
@@ -411,54 +408,43 @@ def study(
             record.unsolved[level] = error
             if isinstance(error, SceneError) and isinstance(error.result, Result):
                 record.partial[level] = beside(error.result)
-                keep(level, record.partial[level], False)
+                record.keep(record.partial[level], False, folder, say)
         else:
             record.runs[level] = run
-            keep(level, run, True)
+            record.keep(run, True, folder, say)
     if not record.runs and all(isinstance(e, DescriptionError) for e in record.unsolved.values()):
         raise next(iter(record.unsolved.values()))
-    tell("frequencies")
-    end = (motion or default_motion(mechanism)).duration
-    table = _table(mechanism, record, band, end, tol)
-    return Study(mechanism, record.runs, record.partial, record.unsolved, table)
+    return record
 
 
-def write(
-    done: Study,
-    folder: Path,
-    tell: Callable[[str], None] = lambda text: None,
-    drawn: Mapping[str, Result] | None = None,
-) -> list[Path]:
-    """Write table, figures and animation; returns the files. The runs are written by `keep`."""
-    from pinflex.viewer.plots.axes import save_all
+def _written(done: Study, record: Outcomes, folder: Path, say: Say) -> tuple[Path, ...]:
+    """Table, figures and page beside the runs; all files.
+
+    The page is drawn from what the files of its runs hold: they alone give the same page.
+    """
+    from pinflex.viewer.plots.drawing import save
     from pinflex.viewer.view import write_html
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "comparison.txt", folder / "comparison.json"]
     write_text(files[0], done.table.text())
     write_text(files[1], done.table.to_json() + "\n")
-    rigid, flexible = done.runs.get("rigid"), done.flexible
-    if rigid is not None:
-        files += save_all(rigid, flexible, folder, done.table.frequencies, tell)
-    if flexible:
-        tell("writing the page")
+    figures = done.figures
+    for k, (name, figure) in enumerate(figures.items(), 1):
+        say(f"drawing {k} of {len(figures)}")
+        files.append(save(figure().axes, folder / f"{name}.png"))
+    if done.flexible:
+        say("writing the page")
         about = done.mechanism.description
-        folders: list[str | Path] = [
-            *about.package_dirs,
-            *([about.path.parent] if about.path else []),
-        ]
-        shown = {**done.runs, **done.partial} if drawn is None else drawn
-        levels = {level: shown[level] for level in LEVELS if level in shown}
-        files.append(
-            write_html(
-                levels,
-                folder / "animation.html",
-                rigid=None if rigid is None else shown["rigid"],
-                meshes=folders,
-                first=list(flexible)[-1],
-            )
+        page = write_html(
+            {level: record.drawn[level] for level in LEVELS if level in record.drawn},
+            folder / "animation.html",
+            rigid=record.drawn["rigid"] if "rigid" in done.runs else None,
+            meshes=[*about.package_dirs, *([about.path.parent] if about.path else [])],
+            first=list(done.flexible)[-1],
         )
-    return files
+        files.append(page)
+    return (*files, *record.files)
 
 
 def _ordered(levels: Sequence[str]) -> list[str]:

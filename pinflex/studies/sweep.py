@@ -24,7 +24,7 @@ from pinflex.mechanics.mechanism import Mechanism, load, takes_model
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.pose_map import Columns, column
 from pinflex.results.result import Result
-from pinflex.studies.batch import Interrupted, Record, keys, run
+from pinflex.studies.batch import Interrupted, Record, Work, keys, run
 from pinflex.studies.outputs import OUTPUTS, check_outputs, prismatic, scene_outputs, unit
 from pinflex.writing import plain
 
@@ -96,23 +96,36 @@ def batch(
         raise DescriptionError(f"{robot.name}: batch: threads: {threads}. Give 1 or more.")
     measure = outputs if callable(outputs) else check_outputs(outputs, level)
     check_keys(robot.description, [changes(case) for case in every])
-    slides = prismatic(robot.description)
     shown = [{"case": number, **_plain(case)} for number, case in enumerate(given)]
-    named = [str(number) for number in range(len(every))]
     from joblib import cpu_count  # those that the process may use; takes 50 ms to import
 
+    return _tabled(
+        Solved(robot.description, level, measure, robot),
+        [str(number) for number in range(len(every))],
+        every,
+        shown,
+        prismatic(robot.description),
+        jobs=min(threads or cpu_count(), len(every)),
+        pickles=False,
+        progress=callback(progress),
+    )
+
+
+def _tabled(
+    work: Work,
+    named: Sequence[str],
+    cases: Sequence[Given],
+    shown: Sequence[Given],
+    slides: frozenset[str],
+    **how: Any,
+) -> Columns:
+    """The table of cases by their keys; of those that ended, where it is interrupted."""
     try:
-        records = run(
-            Solved(robot.description, level, measure, robot),
-            dict(zip(named, every, strict=True)),
-            jobs=min(threads or cpu_count(), len(every)),
-            pickles=False,
-            progress=callback(progress),
-        )
+        records: Mapping[str, Record] = run(work, dict(zip(named, cases, strict=True)), **how)
     except Interrupted as stop:
-        stop.table = table_of(named, shown, stop.records, slides)
+        stop.table = table_of(shown, [stop.records.get(key) for key in named], slides)
         raise
-    return table_of(named, shown, records, slides)
+    return table_of(shown, [records[key] for key in named], slides)
 
 
 class Solved:
@@ -194,14 +207,11 @@ def check_keys(description: Description, cases: Sequence[Mapping[str, Any]]) -> 
 
 
 def table_of(
-    named: Sequence[str],
-    cases: Sequence[Given],
-    records: Mapping[str, Record],
-    slides: frozenset[str],
+    cases: Sequence[Given], records: Sequence[Record | None], slides: frozenset[str]
 ) -> Columns:
     """Parameters, status, error and outputs of the cases that ended."""
-    pairs = zip(named, cases, strict=True)
-    ended = [(case, records[key]) for key, case in pairs if key in records]
+    pairs = zip(cases, records, strict=True)
+    ended = [(case, record) for case, record in pairs if record is not None]
     names = _keys(record.found for _, record in ended)
     arrays = {
         name: column([case.get(name) for case, _ in ended])
@@ -354,21 +364,14 @@ def sweep(
     cases = combined(listed(parameters, f"{description.name}: sweep"), paired)
     check_keys(description, cases)
     named = keys(description, cases, level, groups)
-    slides = prismatic(description)
-    try:
-        records = run(
-            Solved(description, level, groups), dict(zip(named, cases, strict=True)),
-            jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh,
-            progress=callback(progress),
-        )  # fmt: skip
-    except Interrupted as stop:
-        stop.table = table_of(named, cases, stop.records, slides)
-        raise
-    return table_of(named, cases, records, slides)
+    return _tabled(
+        Solved(description, level, groups), named, cases, cases, prismatic(description),
+        jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
+    )  # fmt: skip
 
 
 def described(model: str | Path | Description | Mechanism) -> Description:
-    """The description of a model, however it is given."""
+    """The description of a model, a name or a path."""
     if isinstance(model, Mechanism):
         return model.description
     return model if isinstance(model, Description) else read(model)

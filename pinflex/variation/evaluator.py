@@ -57,7 +57,7 @@ def of_a_run(name: str) -> bool:
 
 
 def units(names: Iterable[str], description: Description) -> dict[str, str]:
-    """Units of outputs by name, as in the head of this file; "" where there is none."""
+    """Units of outputs by name, as listed at the top of this file; "" for a pure number."""
     slides = prismatic(description)
     return {name: unit(name, slides, description.actuated) for name in names}
 
@@ -86,33 +86,18 @@ def measure(
     level: str | None = None,
     rigid: Result | None = None,
     every: Iterable[str] = (),
+    strict: bool = True,
 ) -> dict[str, float]:
-    """The outputs of a scene by name, SI units; one that it does not have is an error."""
-    wanted = check_names(names, mechanism)
-    found = available(mechanism, wanted, level, rigid, every)
-    missing = [name for name in wanted if name not in found]
-    if missing:
-        raise DescriptionError(
-            f"{mechanism.name}: output {missing[0]}: the scene has none. Ask for what it has: "
-            f"{', '.join(sorted(found)) or 'none of those asked'}."
-        )
-    return found
+    """The outputs of a scene by name, SI units, and peaks of `every` at each sample.
 
-
-def available(
-    mechanism: Mechanism,
-    names: Iterable[str],
-    level: str | None = None,
-    rigid: Result | None = None,
-    every: Iterable[str] = (),
-) -> dict[str, float]:
-    """Those of the outputs that a scene has, as `measure`."""
+    One that the scene does not have is an error, or is left out where that is not `strict`.
+    """
 
     def samples(run: Result, reference: Result | None) -> dict[str, float]:
         each = {name: over_time(name, mechanism, run, reference) for name in every}
         return {f"{name}{AT}{k}": x for name, c in each.items() for k, x in enumerate(c.tolist())}
 
-    wanted = tuple(names)
+    wanted = check_names(names, mechanism)
     heads = {name.partition(".")[0] for name in wanted}
     found: dict[str, float] = {}
     for head, values in _OF_HOME.items():
@@ -122,11 +107,18 @@ def available(
     if mechanism.description.motion is None and mechanism.description.solve.until is None:
         groups = [group for group in groups if group not in RUNS]
     if groups:
-        found |= _numbers(scene_outputs(mechanism, level, groups, rigid, samples))
+        found |= _plain_numbers(scene_outputs(mechanism, level, groups, rigid, samples))
     found |= {short: found[full] for short, full in _SHORT.items() if full in found}
     found |= _of_all_motors(found)
-    told = {name: x for name, x in found.items() if AT in name}
-    return {name: found[name] for name in wanted if name in found} | told
+    each = {name: x for name, x in found.items() if AT in name}
+    found = {name: found[name] for name in wanted if name in found} | each
+    missing = [name for name in wanted if name not in found]
+    if strict and missing:
+        raise DescriptionError(
+            f"{mechanism.name}: output {missing[0]}: the scene has none. Ask for what it has: "
+            f"{', '.join(sorted(found)) or 'none of those asked'}."
+        )
+    return found
 
 
 def _of_all_motors(found: Mapping[str, float]) -> dict[str, float]:
@@ -156,7 +148,7 @@ _OF_HOME: dict[str, Callable[[Mechanism], dict[str, float]]] = {
 }
 
 
-def _numbers(values: Mapping[str, object]) -> dict[str, float]:
+def _plain_numbers(values: Mapping[str, object]) -> dict[str, float]:
     return {
         name: float(value)
         for name, value in values.items()
@@ -404,7 +396,7 @@ class Evaluator:
         return f"{limit.output} = {found[limit.output]:.4g} where {limit} is asked"
 
     def design(self, x: Array, continuous: bool) -> Design:
-        """What is told of the design at a point."""
+        """The report of the design at a point."""
         (found,) = self([x])
         assert found is not None
         unit = found[self.minimise]

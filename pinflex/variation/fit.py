@@ -519,7 +519,7 @@ def _scale(rows: Array, n: int) -> float:
 
 
 def _fitted(problem: _Problem, x: Array, rows: Array, J: Array, simultaneous: bool) -> Fit:
-    """What is told of a fit."""
+    """The fit at the best point, with intervals and remarks."""
     designs, data = problem.designs, problem.data
     values = designs.values(x)
     best, text = problem.design(x), data.text(problem.design(x))

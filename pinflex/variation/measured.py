@@ -252,7 +252,7 @@ class Comparison:
         return differences(self.rows, designs, values)
 
     def ratios(self, mechanism: Mechanism) -> list[tuple[str, str, Array]]:
-        """What tells a wrong unit: name, unit that is meant, measured over calculated values."""
+        """For the check of units: name, expected unit, measured over calculated values."""
         return []
 
     def table(self, mechanism: Mechanism) -> Table:

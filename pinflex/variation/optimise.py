@@ -91,7 +91,7 @@ def design(
             "design: nothing varies. Give (low, high) by key path in `vary` (--vary KEY=LOW:HIGH), "
             "or `choose` (--choose)."
         )
-    hull = {key: _hull(rows, key) for rows in catalogue for key in rows[0]}
+    hull = {key: _range(rows, key) for rows in catalogue for key in rows[0]}
     designs = variants(robot, [*vary, *hull])
     bounds = _bounds(robot, designs, dict(vary) | hull)
     evaluate = Evaluator(designs, wanted, given, level, bounds, jobs, journal, callback(progress))
@@ -166,7 +166,7 @@ def _catalogue(
     return found
 
 
-def _hull(rows: Sequence[Mapping[str, float]], key: str) -> tuple[float, float]:
+def _range(rows: Sequence[Mapping[str, float]], key: str) -> tuple[float, float]:
     values = [row[key] for row in rows]
     low, high = min(values), max(values)
     return (low, high) if low < high else (0.999 * low, 1.001 * high)

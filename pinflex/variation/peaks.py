@@ -181,7 +181,7 @@ class ModalState:
         return found
 
     def _held(self, dynamics: Equations, design: Mechanism) -> Array:
-        """The pose held, moved as far as another design's home is."""
+        """The held pose, moved by the difference of the two designs' homes."""
         if np.array_equal(design.home, self.base.home):
             return self.y
         moved = dynamics.difference(self.base.undeformed(), design.undeformed())
@@ -291,8 +291,8 @@ _WIDE = 4.0  # half a window is at least so many times what h moves a phase by
 _RIVAL = 0.02  # a peak that is lower by less may become the largest
 _MOST = 6  # windows of an output
 _SWITCH = 0.01  # of the parameter: a change at which another peak takes over is told
-_TIED = 1e-6  # relative difference of peaks that are one as far as a run can tell
-_ALIKE = 1e-3  # difference of derivatives that nobody minds
+_TIED = 1e-6  # relative difference of peaks that a run cannot tell apart
+_ALIKE = 1e-3  # difference of derivatives that does not matter
 # Relative noise of an output: 3e-13 to 8e-9 was seen of runs; instants are solved to round-off.
 _NOISY, _QUIET = 3e-9, 1e-10
 _RESOLVED = 2.5  # steps in a period that collocation of six stages follows
@@ -429,7 +429,7 @@ class Peaks:
         return top, np.where(inside, fewer, np.nan)
 
     def _candidates(self, name: str, curves: _Curves) -> _Peak:
-        """What comes near the largest value of the first design."""
+        """Places and windows that come near the largest value of the first design."""
         count = curves.values.shape[1]
         all_windows = np.zeros(1, int) if _is_rms(name) else np.arange(len(self._windows.nodes))
         windows, places = (x.ravel() for x in np.meshgrid(all_windows, np.arange(count)))
@@ -545,7 +545,7 @@ def curves_of(name: str, design: Mechanism, run: Result, rigid: Result | None) -
 
 
 def _flat(labels: list[str], values: list[Array]) -> _Curves | None:
-    """Curves of several groups beside each other; None of none."""
+    """Curves of several groups side by side; None if there is no group."""
     if not values:
         return None
     counts = [x.shape[1] for x in values]

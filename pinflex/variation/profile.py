@@ -133,7 +133,7 @@ def _leaning(k: int, points: list[Array], bounds: Array) -> tuple[int, ...]:
 
 
 def _straight(rows: Rows, best: Best, bounds: Array, z: float, k: int) -> bool:
-    """Whether residuals are straight as far as the linear interval of a parameter goes."""
+    """Whether residuals are linear across the linear interval of a parameter."""
     spread = math.sqrt(best.C[k, k])
     if math.isnan(z) or not math.isfinite(spread):
         return math.isnan(z)  # no scale, and so no ends
@@ -237,10 +237,10 @@ class _Profile:
         A search that stops on the way is followed by fits with x_k held, at the bound first.
         """
         at = _Local(self.best.x, self.best.r, self.best.J, self.H)
-        return self._from(at, k, sign)
+        return self._searched_from(at, k, sign)
 
     def furthest(self, k: int, sign: float, found: _End) -> _End:
-        """That end, or one further out on the way from a point of another search."""
+        """The end found, or one further out, searched from a point of another search."""
         for _ in range(_AGAIN):
             x, r = max(self.within, key=lambda point: sign * point[0][k])
             if found.x is None and not found.unsure:
@@ -248,10 +248,10 @@ class _Profile:
             far = self.best.x if found.x is None else found.x
             if sign * (x[k] - far[k]) <= _ENDED * abs(far[k] - self.best.x[k]):
                 break
-            found = self._from(self._anew(_Local(x, r, self.best.J, self.H)), k, sign)
+            found = self._searched_from(self._anew(_Local(x, r, self.best.J, self.H)), k, sign)
         return found
 
-    def _from(self, at: _Local, k: int, sign: float) -> _End:
+    def _searched_from(self, at: _Local, k: int, sign: float) -> _End:
         bound = self.bounds[k, int(sign > 0)]
         if abs(bound - at.x[k]) < _AT_BOUND:
             return _End(None)
@@ -459,7 +459,7 @@ def hidden(J: Array) -> BoolArray:
 
 
 def sentences(J: Array, C: Array, names: Sequence[str], ends: Array | None = None) -> list[str]:
-    """What the measurements do not tell, in words."""
+    """Sentences on parameters that the measurements do not determine."""
     silent, directions = unseen(J)
     spread = np.sqrt(np.diag(C))
     if ends is None:

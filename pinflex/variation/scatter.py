@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -30,9 +30,10 @@ from pinflex.errors import DescriptionError
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.progress import Progress, barred, callback
 from pinflex.report import Report, Reported, Words, table
-from pinflex.results.pose_map import Columns, column
+from pinflex.results.pose_map import Columns
 from pinflex.studies.batch import Record, keys, run
-from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs, unit
+from pinflex.studies.outputs import check_outputs, prismatic, scene_outputs
+from pinflex.studies.sweep import table_of
 from pinflex.text import frozen
 from pinflex.variation.variants import variants_of
 
@@ -89,7 +90,7 @@ def distributions(
                 if parameter.key in found:
                     raise DescriptionError(f"{parameter.key}: given twice. Keep one distribution.")
                 where = f"--{kind} {pattern}"
-                found[parameter.key] = _read(where, parameter.key, kind, text, parameter.value)
+                found[parameter.key] = _parsed(where, parameter.key, kind, text, parameter.value)
     if not found:
         raise DescriptionError(
             "random sweep: no random parameter. Give --normal KEY=MEAN:STD or --uniform KEY=A:B."
@@ -97,7 +98,7 @@ def distributions(
     return tuple(found.values())
 
 
-def _read(where: str, key: str, kind: str, text: str, value: float) -> Distribution:
+def _parsed(where: str, key: str, kind: str, text: str, value: float) -> Distribution:
     text = str(text).strip()
     share, pair = _SHARE.fullmatch(text), _PAIR.fullmatch(text)
     if share is not None:
@@ -269,7 +270,7 @@ def scatter(
         jobs=jobs, scheduler=scheduler, journal=journal, fresh=fresh, progress=callback(progress),
     )  # fmt: skip
     slides = prismatic(robot.description)
-    return _found(random, cases, [records[key] for key in named], slides)
+    return _evaluated(random, cases, [records[key] for key in named], slides)
 
 
 def designs(random: Sequence[Distribution], count: int, seed: int) -> Array:
@@ -301,16 +302,19 @@ def _solved(
     return scene_outputs(variants_of(description, random).at(case), level, groups)
 
 
-def _found(
+def _evaluated(
     random: tuple[Distribution, ...],
     cases: Sequence[Mapping[str, float]],
     records: list[Record],
     slides: frozenset[str],
 ) -> Scatter:
-    values = {
-        name: column([record.found.get(name) for record in records]) for name in _numbers(records)
-    }
-    whole = _table(random, cases, records, values, slides)
+    names = _numbers(records)
+    numbers = [
+        replace(record, found={name: record.found.get(name) for name in names})
+        for record in records
+    ]
+    whole = table_of(cases, numbers, slides)
+    values = {name: whole[name] for name in names}
     n, d = len(cases) // (len(random) + 2), len(random)
     shown = tuple(name for name, x in values.items() if _scatters(x[: 2 * n]))
     quantiles = np.full((len(shown), len(QUANTILES)), np.nan)
@@ -335,21 +339,6 @@ def _numbers(records: Sequence[Record]) -> list[str]:
         for name in names
         if all(isinstance(r.found.get(name, 0.0), (int, float)) for r in records)
     ]
-
-
-def _table(
-    random: Iterable[Distribution],
-    cases: Sequence[Mapping[str, float]],
-    records: Sequence[Record],
-    values: Mapping[str, Array],
-    slides: frozenset[str],
-) -> Columns:
-    """Parameters, how each design ended, and its outputs."""
-    arrays = {d.key: column([case[d.key] for case in cases]) for d in random}
-    arrays["status"] = column(["failed" if record.error else "done" for record in records])
-    arrays["error"] = column([record.error for record in records])
-    units = {name: unit(name, slides) for name in values if unit(name, slides)}
-    return Columns({**arrays, **values}, units)
 
 
 def _scatters(sample: Array) -> bool:

@@ -22,7 +22,7 @@ from pinflex.report import Report, Reported, Words, table
 from pinflex.solver.solve import default_motion
 from pinflex.text import frozen, number
 from pinflex.threads import one_blas_thread
-from pinflex.variation.evaluator import DEFAULT, available, check_names, measure, of_a_run, units
+from pinflex.variation.evaluator import DEFAULT, check_names, measure, of_a_run, units
 from pinflex.variation.peaks import Peaks, Slope, extrapolated, of_frequencies
 from pinflex.variation.variants import Variants, variants
 
@@ -196,7 +196,7 @@ def _values(
     """The outputs of the first design; strict: all of them."""
     known = {} if peaks is None else peaks.values
     rest = [name for name in wanted if peaks is None or not of_a_run(name)]
-    found = known | (available(base, rest, level) if rest else {})
+    found = known | (measure(base, rest, level, strict=False) if rest else {})
     missing = [name for name in wanted if name not in found]
     if strict and missing:
         return measure(base, missing, level)  # says what the scene does not have
@@ -204,7 +204,7 @@ def _values(
 
 
 def _remarks(peaks: Peaks | None, outputs: Sequence[str]) -> list[str]:
-    """What the errors of runs leave out."""
+    """Remarks on errors of runs that the estimates do not contain."""
     runs = [name for name in outputs if of_a_run(name)]
     if not runs:
         return []
@@ -259,7 +259,7 @@ def _slopes(
         found |= peaks.slopes(at)
     rest = [name for name in outputs if name not in found]
     if rest:
-        # a run is dear and wanted to 1e-3: two steps serve
+        # a run is expensive, and 1e-3 of its outputs suffices: two steps do
         steps = 2 if any(map(of_a_run, rest)) else 3
         values, doubts = extrapolated(lambda h: measure(at(h), rest, level), steps=steps)
         found |= {name: Slope(values[name], doubts[name]) for name in rest}

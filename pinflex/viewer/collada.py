@@ -64,7 +64,7 @@ def _instances(
 
 
 def _transform(element: _Element) -> Array:
-    """Transform (4, 4) of an element; the identity for one that is none."""
+    """Transform (4, 4) of an element; the identity for unknown ones."""
     if element.tag not in ("matrix", "translate", "scale", "rotate"):
         return np.eye(4)
     numbers = np.array((element.text or "").split(), dtype=float)

@@ -58,13 +58,12 @@ class Live:
         least = 0.008 * self.scene["size"]
         links = self.scene["links"]
         self._skins = [skin(link, self.field, least, _TRIANGLES) for link in links]
-        self._bridge = Bridge()
-        self._window = Window(self._bridge.zmq_url)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of pyzmq, in meshcat's import
             import meshcat
+        self._window = Window()
         self._viewer: Any = meshcat.Visualizer(window=self._window)
-        self.url = self._bridge.url
+        self.url = self._window.url
         self._viewer["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
         self._viewer["/Background"].set_property("bottom_color", [0.885, 0.91, 0.945])
         self._viewer["/Axes"].set_property("visible", False)
@@ -103,8 +102,7 @@ class Live:
 
     def close(self) -> None:
         """Stop the server."""
-        self._window.zmq_socket.close(linger=0)
-        self._bridge.close()
+        self._window.close()
 
     def __enter__(self) -> Live:
         return self
@@ -252,7 +250,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing: the output belongs to the command."""
 
 
-# meshcat's server as a thread of this process, on the loopback only.
+# meshcat's page and what it draws, from a thread of this process, on the loopback only.
 #
 # meshcat's own server runs in a process of its own, listens on every interface and accepts any host
 # name; here it is a daemon thread that ends with the program, listens on 127.0.0.1, and refuses a
@@ -263,31 +261,12 @@ _START = 5.0  # [s] for the server to come up
 
 
 class Window:
-    """Window that meshcat's Visualizer sends to; its own one opens two sockets and prints."""
-
-    def __init__(self, zmq_url: str) -> None:
-        import zmq
-
-        self.zmq_socket: Any = zmq.Context.instance().socket(zmq.REQ)
-        for option in (zmq.RCVTIMEO, zmq.SNDTIMEO):  # a dead server must not hang the program
-            self.zmq_socket.setsockopt(option, round(1000 * _START))
-        self.zmq_socket.connect(zmq_url)
-
-    def send(self, command: Any) -> None:
-        """One command, answered."""
-        import umsgpack  # type: ignore[import-not-found,import-untyped,unused-ignore]
-
-        data = command.lower()
-        kind, path = data["type"].encode("utf-8"), data["path"].encode("utf-8")
-        self.zmq_socket.send_multipart([kind, path, umsgpack.packb(data)])
-        self.zmq_socket.recv()
-
-
-class Bridge:
-    """meshcat's bridge on an event loop of its own thread."""
+    """What meshcat's Visualizer sends to: the server of its page, with all that is drawn so far."""
 
     def __init__(self) -> None:
-        self.zmq_url = self.url = ""
+        self.url = ""
+        self._pages: set[Any] = set()
+        self._drawn: dict[tuple[str, ...], bytes] = {}  # the last of each, for pages opened later
         self._loop: Any = None
         self._failure: BaseException | None = None
         ready = threading.Event()
@@ -299,21 +278,32 @@ class Bridge:
                 "page with pinflex.view instead; it needs no server."
             ) from self._failure
 
-    def _run(self, ready: threading.Event) -> None:
-        import asyncio
+    def send(self, command: Any) -> None:
+        """One command, to every page that is open."""
+        import umsgpack  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
+        data = command.lower()
+        key = data["type"], data["path"], data.get("property", "")
+        self._loop.add_callback(self._pass_on, key, umsgpack.packb(data))
+
+    def _pass_on(self, key: tuple[str, ...], packed: bytes) -> None:
+        self._drawn[key] = packed
+        for page in self._pages:
+            page.draw(packed)
+
+    def _run(self, ready: threading.Event) -> None:
         try:
-            asyncio.set_event_loop(asyncio.new_event_loop())
-            bridge = _server()
-            self.zmq_url, self.url, self._loop = bridge.zmq_url, bridge.web_url, bridge.ioloop
+            from tornado.ioloop import IOLoop
+
+            self._loop = IOLoop()
+            server = self._server()
         except BaseException as error:  # told by the thread that waits
             self._failure = error
             return
         finally:
             ready.set()
         self._loop.start()
-        bridge.listener.stop()
-        bridge.zmq_socket.close(linger=0)
+        server.stop()
         self._loop.close(all_fds=True)
 
     def close(self) -> None:
@@ -321,73 +311,49 @@ class Bridge:
         self._loop.add_callback(self._loop.stop)
         self._thread.join(_START)
 
+    def _server(self) -> Any:
+        import meshcat
+        from tornado import netutil, web, websocket
+        from tornado.httpserver import HTTPServer
 
-def _server() -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        import tornado.httpserver
-        import tornado.netutil
-        import tornado.web
-        import tornado.websocket
-        import zmq
-        from meshcat.servers import zmqserver
+        def refuse(handler: web.RequestHandler) -> None:
+            if handler.request.host_name not in HOSTS:
+                raise web.HTTPError(403)
 
-    class App(tornado.web.Application):
-        def listen(  # type: ignore[override]
-            self, port: int, address: str = "127.0.0.1", **more: Any
-        ) -> Any:
-            sockets = tornado.netutil.bind_sockets(port, address)
-            Meshcat.listener = tornado.httpserver.HTTPServer(self, **more)
-            Meshcat.listener.add_sockets(sockets)
-            Meshcat.port = sockets[0].getsockname()[1]
-            return Meshcat.listener
+        class Files(web.StaticFileHandler):
+            def prepare(self) -> None:
+                refuse(self)
 
-        def log_request(self, handler: Any) -> None:
-            """Say nothing: the output belongs to the program."""
+        pages, drawn = self._pages, self._drawn
 
-    def refuse(handler: Any) -> None:
-        if handler.request.host_name not in HOSTS:
-            raise tornado.web.HTTPError(403)
+        class Page(websocket.WebSocketHandler):
+            def prepare(self) -> None:
+                refuse(self)
 
-    class Socket(zmqserver.WebSocketHandler):  # type: ignore[misc]
-        def prepare(self) -> None:
-            refuse(self)
+            def open(self, *path: str, **query: str) -> None:
+                pages.add(self)
+                for packed in drawn.values():
+                    self.draw(packed)
 
-        def open(self) -> None:  # without the line that meshcat prints
-            self.bridge.websocket_pool.add(self)
-            self.bridge.send_scene(self)
+            def draw(self, packed: bytes) -> None:
+                """A page that was closed while it loaded is left out, and ends nothing."""
+                with contextlib.suppress(websocket.WebSocketClosedError):
+                    sent = self.write_message(packed, binary=True)
+                    sent.add_done_callback(lambda done: done.cancelled() or done.exception())
 
-        def on_close(self) -> None:
-            self.bridge.websocket_pool.discard(self)
+            def on_message(self, message: str | bytes) -> None:
+                """A page has nothing to say."""
 
-        def write_message(self, message: Any, binary: bool = False) -> Any:
-            """A page that was closed while it loaded is left out; to raise would end the server."""
-            try:
-                sent = super().write_message(message, binary=binary)
-                sent.add_done_callback(lambda done: done.cancelled() or done.exception())
-                return sent
-            except tornado.websocket.WebSocketClosedError:
-                # later: who sends goes through the pool now
-                self.bridge.ioloop.add_callback(self.bridge.websocket_pool.discard, self)
-                return None
+            def on_close(self) -> None:
+                pages.discard(self)
 
-    class Files(zmqserver.StaticFileHandlerNoCache):  # type: ignore[misc]
-        def prepare(self) -> None:
-            refuse(self)
-
-    class Meshcat(zmqserver.ZMQWebSocketBridge):  # type: ignore[misc]
-        listener: Any = None
-        port = 0
-
-        def setup_zmq(self, url: str) -> Any:
-            """On any free port, and without a word; `url` is the first that meshcat would try."""
-            socket, stream, _ = super().setup_zmq("tcp://127.0.0.1:*")
-            return socket, stream, socket.getsockopt(zmq.LAST_ENDPOINT).decode()
-
-        def make_app(self) -> Any:
-            files = {"path": zmqserver.VIEWER_ROOT, "default_filename": zmqserver.VIEWER_HTML}
-            return App([(r"/static/(.*)", Files, files), (r"/", Socket, {"bridge": self})])
-
-    server = Meshcat(port=0)
-    server.web_url = f"http://127.0.0.1:{Meshcat.port}/static/"
-    return server
+        viewer = Path(meshcat.__file__).parent / "viewer" / "dist"
+        files = {"path": str(viewer), "default_filename": "index.html"}
+        application = web.Application(
+            [(r"/static/(.*)", Files, files), (r"/", Page)], log_function=lambda handler: None
+        )
+        server = HTTPServer(application)
+        sockets = netutil.bind_sockets(0, HOST)
+        server.add_sockets(sockets)
+        self.url = f"http://{HOST}:{sockets[0].getsockname()[1]}/static/"
+        return server

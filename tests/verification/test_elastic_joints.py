@@ -22,7 +22,6 @@ from scipy.optimize import brentq
 import pinflex as pf
 from pinflex.lab.scene import urdf
 from pinflex.studies.checking.check import check
-from pinflex.studies.study import study
 from tests.finite import slope
 from tests.scenes import Body, load
 
@@ -115,7 +114,7 @@ def test_levels_agree_where_they_should(tmp_path: Path) -> None:
 def test_compare_takes_a_robot_whose_joints_are_all_that_gives_way(tmp_path: Path) -> None:
     head = "motion: {kind: cycloid, joints: {rotor_joint: 0.8}, duration: 0.3}\n"
     m = load(tmp_path, GEARED, yaml(4e4, head))
-    done = study(m, ("quasistatic", "coupled"))
+    done = pf.compare(m, levels=("quasistatic", "coupled"))
     assert set(done.flexible) == {"quasistatic", "coupled"}
     apart = done.runs["coupled"].deviation_from(done.runs["rigid"], "tip")
     # The gear's largest angle at the lever of the tip.

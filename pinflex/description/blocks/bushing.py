@@ -126,10 +126,10 @@ def _bearing(name: str, block: schema.Block) -> list[_Joint]:
     held = _held(LOOP_KINDS[kind])
     if not held:
         raise block.error("stiffness", f"a bearing of the kind {kind} has none. Remove it.")
-    k = _numbers(block, "stiffness", held)
+    k = _by_direction(block, "stiffness", held)
     if not k:
         raise block.error("stiffness", f"in which direction? Allowed: {', '.join(held)}.")
-    d = _numbers(block, "damping", k) if isinstance(block.get("damping"), Mapping) else {}
+    d = _by_direction(block, "damping", k) if isinstance(block.get("damping"), Mapping) else {}
     axis = np.array(schema.direction(block.get("axis", "z"), block.at("axis")))
     x = np.eye(3)[np.argmin(np.abs(axis))]
     x = x - (axis @ x) * axis
@@ -151,7 +151,7 @@ def _held(kind: LoopKind) -> list[str]:
     return [word for word in _BEARING if holds.get(word, turned == TURNED)]
 
 
-def _numbers(block: schema.Block, key: str, words: Collection[str]) -> dict[str, float]:
+def _by_direction(block: schema.Block, key: str, words: Collection[str]) -> dict[str, float]:
     found = schema.mapping(block[key], block.at(key), words)
     # A direction that is left out is held: a stiffness of 0 would say neither.
     low, above = (-np.inf, 0.0) if key == "stiffness" else (0.0, -np.inf)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pinflex.description import section
 from pinflex.description.blocks import material
 from pinflex.description.blocks.external import frame
-from pinflex.description.blocks.material import BASES, BOUNDARIES, ORDERS, STRETCHES, Material
+from pinflex.description.blocks.material import Material
 from pinflex.description.files import Source
 from pinflex.description.reading import schema, yaml_text
 from pinflex.description.reading.schema import Vec3
@@ -170,12 +170,106 @@ def read_patches(value: object, where: str, E: float, section: Section) -> tuple
     return tuple(found)
 
 
+# The shapes in which a link deforms: of a beam, or of a solid (the kinds mesh and matrices).
+
+# Keys of each kind of basis.
+BASES: dict[str, tuple[str, ...]] = {
+    "craig_bampton": ("internal",),
+    "finite_element": ("elements", "order", "boundary"),
+    "assumed": ("boundary", "modes", "stretch"),
+    "ritz8": (),
+    "mesh": ("file", "scale", "rod", "size", "interfaces", "modes"),
+    "matrices": ("file", "mass", "stiffness", "nodes", "interfaces", "modes"),
+}
+ORDERS = ("cubic", "quintic")
+STRETCHES = ("sines", "polynomials")
+BOUNDARIES = (
+    "clamped_free",
+    "pinned_free",
+    "pinned_pinned",
+    "clamped_pinned",
+    "clamped_clamped",
+    "free_free",
+)
+_SOLIDS = ("mesh", "matrices")
+_BEAM_KEYS = (
+    *("bending_y", "bending_z", "torsion", "axial", "rotary_inertia", "third_order", "shear"),
+    *("root", "tip", "section", "patches"),
+)
+
+
+def _refuse_beam_keys(block: schema.Block) -> None:
+    """Keys that mean something for beams only."""
+    block.only(
+        _BEAM_KEYS,
+        "a solid deforms in every direction and has its own inertia, so this has no meaning for "
+        "it. Remove it.",
+    )
+    if block.get("inertia", "beam") == "urdf":
+        raise block.error("inertia", "a solid has the mass of its mesh or matrices. Remove it.")
+    if block.get("segments", 1) != 1:
+        raise block.error("segments", "a solid is one body. Remove it.")
+
+
+def _regions(value: object, where: str) -> tuple[tuple[str, str | tuple[float, ...]], ...]:
+    """Interfaces of a solid by name: a group, or a box."""
+    return tuple(
+        (name, item if isinstance(item, str)
+         else schema.numbers(item, f"{where}.{name}", 6, of="place"))
+        for name, item in schema.mapping(value, where).items()
+    )  # fmt: skip
+
+
+def _rod(value: object, where: str) -> tuple[tuple[float, float], ...]:
+    """(diameter, length) of each segment from {diameters: [...], lengths: [...]}."""
+    block = schema.mapping(value, where, ("diameters", "lengths"), ("diameters",))
+    count = len(schema.items(block["diameters"], f"{where}.diameters"))
+    if "lengths" not in block and count != 1:
+        raise DescriptionError(
+            f"{where}.lengths: missing. Give the length [m] of each of the {count} diameters."
+        )
+    found = {"lengths": [0.0]}  # that of the span
+    for key in ("lengths", "diameters"):
+        if key in block:
+            many = schema.items(block[key], f"{where}.{key}", count)
+            found[key] = [
+                schema.number(x, f"{where}.{key}[{k}]", above=0, of="length")
+                for k, x in enumerate(many)
+            ]
+    return tuple(zip(found["diameters"], found["lengths"], strict=True))
+
+
+def _check_solid(kind: str, block: schema.Block) -> None:
+    """A solid comes from one source, and has at least the interface at which it is held."""
+    sources = {"mesh": ("file", "rod"), "matrices": ("file", "mass")}[kind]
+    given = [key for key in sources if key in block]
+    if len(given) != 1:
+        raise block.error(
+            "",
+            f"{' and '.join(given) or 'nothing'} given for the body. Give one of "
+            f"{', '.join(sources)}.",
+        )
+    if "mass" in block and not {"stiffness", "nodes"} <= block.keys():
+        raise block.error("", "mass needs stiffness and nodes beside it. Give all.")
+    if "rod" in block and block.keys() & {"interfaces", "scale"}:
+        raise block.error(
+            "",
+            "a rod is built in m, and its ends are the interfaces. Remove interfaces and scale.",
+        )
+    if "rod" not in block and not block.get("interfaces"):
+        raise block.error(
+            "interfaces",
+            "missing. Name the rigid regions, first the one fixed to the link's frame: {root: "
+            "GROUP, tip: GROUP}.",
+        )
+
+
 Switch = bool | Literal["auto"]
 INERTIAS = ("urdf", "beam")
 
 
 def _modes(value: object, where: str, kind: str) -> int:
-    return schema.integer(value, where, 1, 1000 if kind in material.KINDS else 200)
+    return schema.integer(value, where, 1, 1000 if kind in _SOLIDS else 200)
 
 
 def _file() -> Any:
@@ -219,14 +313,17 @@ class Basis:
     stretch: str = schema.word("sines", STRETCHES)
     file: str | None = _file()
     scale: float = schema.real(1.0, "ratio", above=0)
-    rod: schema.Points = schema.key((), material.rod, form={})
+    rod: schema.Points = schema.key((), _rod, form={})
     size: float | None = schema.real(None, "length", above=0)
-    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = schema.key(
-        (), material.regions, form={}
-    )
+    interfaces: tuple[tuple[str, str | tuple[float, ...]], ...] = schema.key((), _regions, form={})
     mass: str | None = _file()
     stiffness: str | None = _file()
     nodes: str | None = _file()
+
+    @property
+    def solid(self) -> bool:
+        """Whether the link is a solid, not a beam."""
+        return self.kind in _SOLIDS
 
 
 _BASIS = schema.keys(Basis, "kind", *(key for keys in BASES.values() for key in keys))
@@ -247,8 +344,8 @@ def basis_from_spec(spec: object, where: str) -> Basis:
     if kind == "finite_element" and "boundary" in block:
         schema.choice(block["boundary"], block.at("boundary"), ("clamped_free", "free_free"))
     values = block.read(kind)
-    if kind in material.KINDS:
-        material.check(kind, block)
+    if kind in _SOLIDS:
+        _check_solid(kind, block)
         values.setdefault("modes", 6)
     return Basis(kind, **values)
 
@@ -367,7 +464,8 @@ def from_spec(
     spec: object, link: str, where: str, urdf: Source, damping: tuple[tuple[float, float], float]
 ) -> FlexibleLink:
     """A flexible link from its YAML block."""
-    solid = isinstance(spec, dict) and material.is_solid(spec.get("basis"))
+    basis = spec.get("basis") if isinstance(spec, dict) else None
+    solid = isinstance(basis, dict) and basis.get("kind") in _SOLIDS
     block = schema.Block(spec, where, KEYS, "material", *(() if solid else ("section",)))
     values: dict[str, Any] = {"rayleigh": damping[0], "modal_damping": damping[1]}
     values |= block.read(urdf)
@@ -381,7 +479,7 @@ def from_spec(
         rayleigh, modal = damping_from_spec(block["damping"], block.at("damping"))
         values |= {"rayleigh": rayleigh, "modal_damping": modal}
     if solid:
-        material.refuse_beam_keys(block)
+        _refuse_beam_keys(block)
     elif "basis" in values and values["basis"].kind == "ritz8":
         values.setdefault("axial", True)
     made = material.from_spec(block["material"], block.at("material"))

@@ -13,7 +13,7 @@ from pinflex.description.reading.schema import Vec3
 from pinflex.errors import DescriptionError
 from pinflex.text import frozen
 
-# The blocks `drive` and `friction` of a joint: motor, gear, what gives way and what rubs in them.
+# The blocks `drive` and `friction` of a joint: motor and gear, their compliance and friction.
 #
 # A drive is a motor of inertia J_m behind a gear of ratio n, and between gear and link a spring:
 #

@@ -281,7 +281,7 @@ def names(value: Any, target: str, where: str) -> tuple[str, ...]:
 
 
 def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
-    """Whichever of the two is given: its word and its value."""
+    """Target and value: of `joints` and `platform` exactly one must be given."""
     if (joints is None) == (platform is None):
         given = "nothing moves" if joints is None else "both joints and platform are given"
         raise bad(where, f"{given}. Give one of joints: {{name: ...}}, platform: {{name: ...}}.")
@@ -289,7 +289,7 @@ def target_of(joints: Any, platform: Any, where: str) -> tuple[str, Any]:
 
 
 def moves_of(joints: Moves, platform: Moves, kind: str) -> tuple[str, dict[str, float], Array]:
-    """What moves, by how much each, and the same as an array."""
+    """Target, displacements by name, and these as an array."""
     target, value = target_of(joints, platform, kind)
     moves = numbers(value, f"{kind}.{target}")
     names(moves, target, f"{kind}.{target}")
@@ -313,11 +313,11 @@ def headed(cell: str) -> tuple[str, str]:
     return cell[: unit.start()].strip(), (unit[1] or unit[2] or "").strip()
 
 
-def table(file: Any) -> dict[str, Any]:
+def table(file: Any, where: str = "sampled.file") -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line; lines that start with # are skipped."""
     if not isinstance(file, (str, Path)):
-        raise bad("sampled.file", f"{shown(file)} is no name of a file. Give a CSV file.")
-    require_regular(Path(file), MOST_TABLE, f"sampled.file: {file}")
+        raise bad(where, f"{shown(file)} is no name of a file. Give a CSV file.")
+    require_regular(Path(file), MOST_TABLE, f"{where}: {file}")
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
         rows = cells(x for x in lines if x.strip() and not x.startswith("#"))
@@ -328,12 +328,12 @@ def table(file: Any) -> dict[str, Any]:
             raise ValueError(f"two columns have one name in {', '.join(head)}")
     except (OSError, TypeError, ValueError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        raise bad("sampled.file", f"cannot read {file}: {why}. Give a CSV file.") from error
+        raise bad(where, f"cannot read {file}: {why}. Give a CSV file.") from error
     return {name: [row[j] for row in rows[1:]] for j, name in enumerate(head)}
 
 
 def samples(table: dict[str, Any], name: str, where: str, times: Any = None) -> list[float]:
-    """A column of numbers, one to each of the times if these are given."""
+    """A column of numbers; as many as there are times, if times are given."""
     if name not in table:
         more = " Columns `time` and `NAME [deg]` are read by `kind: trajectory`."
         raise bad(where, f"no such column.{nearest(name, table)}{more if times is None else ''}")

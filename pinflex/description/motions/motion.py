@@ -8,6 +8,7 @@ alpha, beta, gamma [rad]. Only the coordinates a motion names are imposed; the o
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -25,6 +26,8 @@ from pinflex.description.motions.laws import PLATFORM_COORDINATES, SNAP, Kinemat
 from pinflex.description.motions.trajectory import Motion, of_moves
 from pinflex.description.reading import schema
 from pinflex.description.reading.schema import shown
+from pinflex.description.robots import urdf
+from pinflex.description.trajectories import profiles
 from pinflex.description.trajectories.profiles import Limit, ruckig, scurve, trapezoid_times
 from pinflex.description.trajectories.waypoints import trajectory
 from pinflex.errors import DescriptionError, nearest
@@ -311,7 +314,7 @@ KINDS: dict[str, Callable[..., Motion]] = {
 
 
 def form() -> schema.Form:
-    """What a motion looks like, as JSON Schema says it."""
+    """JSON Schema of the block `motion`."""
     forms = []
     for kind, make in KINDS.items():
         arguments = inspect.signature(make).parameters.items()
@@ -345,7 +348,7 @@ def from_spec(spec: Any, where: str, folder: str | Path | None = None) -> Motion
         raise DescriptionError(where + str(error).removeprefix(kind), where=where) from None
     if asked is None or not asked.frequencies:
         return made
-    return paths.shaped(made, asked.kind, asked.frequencies, asked.damping)
+    return made.shaped(asked.kind, asked.frequencies, asked.damping)
 
 
 def _require_keys(given: Mapping[str, Any], kind: str, where: str) -> None:
@@ -359,3 +362,67 @@ def _require_keys(given: Mapping[str, Any], kind: str, where: str) -> None:
             )
         if key not in given:
             raise keys.bad(f"{where}.{key}", f"missing. A {kind} motion needs {', '.join(needed)}.")
+
+
+# The block `motion` of a YAML file, checked against the robot that it moves.
+
+
+def without_units(motion: object, types: Mapping[str, str]) -> object:
+    """A motion whose displacements have no units: "3 deg" is a number of rad."""
+    if not isinstance(motion, dict) or motion.get("kind") == "spin_up":  # those are speeds
+        return motion
+    found = dict(motion)
+    kinds = {"platform": dict.fromkeys("xyz", "prismatic"), "joints": types}
+    for target, of in kinds.items():
+        if isinstance(found.get(target), dict):
+            found[target] = {
+                name: schema.measured(value, schema.quantity(of.get(name, "")))
+                for name, value in found[target].items()
+            }
+    return found
+
+
+def read(
+    value: object,
+    where: str,
+    folder: Path,
+    actuated: tuple[str, ...],
+    has_platform: bool,
+    urdf_text: str,
+) -> dict[str, Any]:
+    """The checked block, for `from_spec`, with the limits that only the URDF writes."""
+    block = copy.deepcopy(schema.mapping(value, where))
+    if isinstance(block.get("file"), str):
+        block["file"] = str(folder.resolve() / block["file"])  # found from any folder
+    _fill_limits(block, where, urdf_text)
+    checked = from_spec(block, where)
+    if checked.target == "platform" and not has_platform:
+        raise DescriptionError(
+            f"{where}: moves the platform, but the description names none. Add `platform: FRAME`."
+        )
+    if checked.target == "joints":
+        place = schema.at(where, "joints")
+        for name in checked.names:
+            schema.known(name, place, actuated, "joint with a motor")
+    return block
+
+
+def _fill_limits(block: dict[str, Any], where: str, urdf_text: str) -> None:
+    """Put limits of the URDF under those that a profile of joints by limits leaves out."""
+    moves, times = block.get("joints"), {"ramp", "duration", "speed"}
+    quantities = profiles.KINDS.get(str(block.get("kind")), ())
+    if not isinstance(moves, dict) or (block.get("kind") == "trapezoid" and times & set(block)):
+        return
+    for quantity in quantities:
+        own = block.get(quantity)
+        if own is not None and not isinstance(own, dict):
+            continue
+        known = getattr(urdf.motor_limits(urdf_text, moves), quantity)
+        block[quantity] = known | (own or {})
+        for name in moves:
+            if block[quantity].get(name) is None:
+                raise DescriptionError(
+                    f"{where}.{quantity}: {name} has no {quantity} limit here, and none in the "
+                    f"URDF. Write {quantity}: {{{name}: ...}} in {profiles.UNITS[quantity]}.",
+                    where=f"{where}.{quantity}",
+                )

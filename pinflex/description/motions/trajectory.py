@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # damped systems; Singhose (2009) for all three.
 
 KINDS = ("zv", "zvd", "ei")
-MODES = 3  # most of those that a motion excites, where no number is given
+MODES = 3  # excited by the motion that are cancelled at most, by default
 MOST = 2200  # impulses: 3^7, seven frequencies of the kinds of three
 TOLERATED = 0.05  # residual vibration that EI leaves at the frequency it is made for
 
@@ -88,7 +88,7 @@ _SHAPER = schema.keys(ShaperSpec)
 
 
 def shaper_form() -> schema.Form:
-    """What `shaper` looks like, as JSON Schema says it."""
+    """JSON Schema of the block `shaper`."""
     return {"anyOf": [{"enum": [*KINDS]}, schema.block_form(_SHAPER)]}
 
 
@@ -175,26 +175,6 @@ def _impulses(kind: str, frequency: float, zeta: float) -> tuple[Array, Array]:
     middle = 0.49990 + 0.46159 * V * z + 4.26169 * V * z**2 + 1.75601 * V * z**3
     middle += V**2 * (8.57843 * z - 108.644 * z**2 + 336.989 * z**3)
     return period * np.array([0.0, middle, 1.0]), np.array([first, 1.0 - first - last, last])
-
-
-def shaped(
-    motion: Motion,
-    kind: str,
-    frequencies: Sequence[float] | float,
-    damping: Sequence[float] | float = 0.0,
-) -> Motion:
-    """The motion convolved with a shaper; it ends later by the shaper's duration."""
-    made = shaper(kind, frequencies, damping)
-    law = partial(_convolved, motion, made)
-    spec = dict(motion.spec) | {
-        "shaper": {"kind": kind, "frequencies": np.atleast_1d(frequencies).tolist(),
-                   "damping": np.asarray(damping).tolist()}
-    }  # fmt: skip
-    corners = np.unique(np.add.outer([0.0, *motion.switches], made.times))
-    return replace(
-        motion, kind=f"shaped {motion.kind}", duration=motion.duration + made.duration, law=law,
-        spec=spec, corners=tuple(corners.tolist()),
-    )  # fmt: skip
 
 
 def _convolved(motion: Motion, made: Shaper, t: Array) -> Kinematics:
@@ -331,7 +311,16 @@ class Motion:
             damping: Damping ratios [-], one for each or one for all.
         Source: see `pinflex.description.motions.trajectory`.
         """
-        return shaped(self, kind, modes, damping)
+        made = shaper(kind, modes, damping)
+        spec = dict(self.spec) | {
+            "shaper": {"kind": kind, "frequencies": np.atleast_1d(modes).tolist(),
+                       "damping": np.asarray(damping).tolist()}
+        }  # fmt: skip
+        corners = np.unique(np.add.outer([0.0, *self.switches], made.times))
+        return replace(
+            self, kind=f"shaped {self.kind}", duration=self.duration + made.duration,
+            law=partial(_convolved, self, made), spec=spec, corners=tuple(corners.tolist()),
+        )  # fmt: skip
 
 
 def of_moves(
@@ -382,7 +371,7 @@ def moves(*, moves: Sequence[Mapping[str, Any]], duration: float | None = None) 
     spec = {"kind": "moves", **n, "moves": [
         {target: by_name, "start": s, "duration": d} for _, by_name, s, d in read
     ]}  # fmt: skip
-    law = partial(_sum, delta, start, each)
+    law = partial(_added_up, delta, start, each)
     corners = tuple(np.unique([*start, *(start + each)]).tolist())
     return Motion("moves", target, names, n["duration"], law, False, spec, corners)
 
@@ -456,7 +445,7 @@ def _move(one: Any, where: str) -> tuple[str, dict[str, float], float, float]:
     return target, by_name, n["start"], n["duration"]
 
 
-def _sum(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
+def _added_up(delta: Array, start: Array, duration: Array, t: Array) -> Kinematics:
     total = np.zeros((3, len(t), delta.shape[1]))
     for one, begin, time in zip(delta, start, duration, strict=True):
         total += laws.move(laws.nonic, one, float(time), np.maximum(t - begin, 0.0))

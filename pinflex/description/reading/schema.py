@@ -174,7 +174,7 @@ def number(
 
 
 def quantity(kind: str) -> str:
-    """What a position of a joint of one freedom is, of `ranges.RANGES`."""
+    """Quantity (a key of `RANGES`) of a position of a joint of one freedom."""
     return "place" if kind == "prismatic" else "angle"
 
 

@@ -94,7 +94,7 @@ _SCALARS = ("bool", "int", "float", "timestamp")
 
 
 def _scalar(tag: str) -> Callable[[Any, Any], Any]:
-    """PyYAML's own reading of a scalar whose tag is written out, with a mark where it is none."""
+    """PyYAML's reading of a scalar with an explicit tag; a misfit is an error with its place."""
     read = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{tag}"]
 
     def constructed(loader: Any, node: Any) -> Any:
@@ -185,21 +185,6 @@ def _refuse_doubled_keys(node: Any, file: str) -> None:
         lines[key.value] = line
 
 
-# What changes mostly are, read without a reader: designs and advice make hundreds of these.
-_DECIMAL = re.compile(r"-?[0-9]{1,20}\.[0-9]{1,20}")
-_COUNT = re.compile(r"0|[1-9][0-9]{0,8}")
-_WORDS = {"true": True, "false": False}
-
-
-def _value(text: str, where: str) -> Any:
-    """The value of a change."""
-    if text in _WORDS:
-        return _WORDS[text]
-    if _DECIMAL.fullmatch(text):
-        return float(text)
-    return int(text) if _COUNT.fullmatch(text) else load(text, where)
-
-
 def set_path(raw: Any, assignment: str) -> None:
     """Change parsed YAML in place by "key.path=value"; a path segment may be a glob."""
     path, sign, value_text = assignment.partition("=")
@@ -207,7 +192,7 @@ def set_path(raw: Any, assignment: str) -> None:
     segments = [s.strip() for s in path.split(".")]
     if not sign or not all(segments):
         raise DescriptionError(f"{where}: not of the form key.path=value. Write one.")
-    value = _value(value_text, where)
+    value = load(value_text, where)
     blocks: list[Any] = [raw]
     for depth, segment in enumerate(segments):
         final = depth == len(segments) - 1

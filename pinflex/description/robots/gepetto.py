@@ -101,14 +101,14 @@ def _loops(block: Mapping[str, Any], file: str, tree: Source) -> dict[str, Any]:
 
 
 def _loop_name(a: str, b: str, k: int, taken: Collection[str]) -> str:
-    """What the two frames have in common, as in closedloop1 of closedloop1_A and _B."""
+    """The common start of both names: closedloop1 of closedloop1_A and closedloop1_B."""
     same = next((n for n, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))
     name = a[:same].rstrip("_- .")
     return name if name and name not in taken else f"loop_{k + 1}"
 
 
 def _types(block: Mapping[str, Any], file: str, tree: Source) -> dict[str, dict[str, Any] | None]:
-    """What the named joints are, as the block `joints` says it; None: fixed."""
+    """Entries of the block `joints` for the named joints; None: fixed."""
     names = schema.items(block.get("joint_name") or [], f"{file}: joint_name")
     kinds = schema.items(block.get("joint_type") or [], f"{file}: joint_type", len(names))
     found: dict[str, dict[str, Any] | None] = {}

@@ -57,7 +57,7 @@ def _set(model: Any, *keys: str) -> BoolArray:
 
 
 def _bodies(robot: Robot) -> _Kinds:
-    """What acts on bodies by itself."""
+    """Deformable bodies, plugins and fluids."""
     model = robot.model
     fluid = [key for key in ("density", "viscosity") if getattr(model.opt, key)]
     return {
@@ -89,7 +89,7 @@ def _tendons(robot: Robot) -> _Kinds:
 
 
 def _of_joints(robot: Robot) -> _Kinds:
-    """What of a joint no key says."""
+    """Properties of joints that no key of the YAML has."""
     model, kind, rows = robot.model, robot.model.jnt_type, robot.model.jnt_dofadr
     several, free = kind <= BALL, kind == FREE
     sprung, damped = robot.enabled("SPRING"), robot.enabled("DAMPER")
@@ -118,7 +118,7 @@ def _of_joints(robot: Robot) -> _Kinds:
 
 
 def _quiet(robot: Robot) -> _Kinds:
-    """What says nothing about the mechanism itself."""
+    """Entries that do not describe the mechanism itself."""
     model = robot.model
     named = _of(robot, "actuators", range(model.nu))
     geared = [named[a] for a, _ in robot.drives if model.actuator_gear[a, 0] != 1]
@@ -224,7 +224,7 @@ def _mass_and_shapes(robot: Robot, k: int) -> None:
 
 
 def _shape(robot: Robot, g: int) -> Visual | None:
-    """What a geom looks like, in the world as drawn; None for one that is not drawn."""
+    """Shape of a geom, in the world as drawn; None for one that is not drawn."""
     model, code = robot.model, robot.code
     matrix = pose(robot.drawn.geom_xmat[g].reshape(3, 3), robot.drawn.geom_xpos[g])
     kind, size = int(model.geom_type[g]), [float(x) for x in model.geom_size[g]]

@@ -157,7 +157,7 @@ def _joint_names(model: Any, links: list[str]) -> list[str]:
 
 
 def _sentence(error: Exception) -> str:
-    """What MuJoCo says, on one line."""
+    """MuJoCo's message on one line."""
     parts = [part.strip(" .") for part in str(error).splitlines()]
     words = ", ".join(part for part in parts if part)
     return re.sub(r"^((XML )?Error: |XML parse error \d+:, .*?: )+", "", words) + "."

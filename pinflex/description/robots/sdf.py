@@ -34,7 +34,7 @@ from pinflex.description.robots.tree_text import (
 from pinflex.errors import DescriptionError
 from pinflex.rotations import zyx_matrix
 
-_HUGE = 1e15  # a limit as large is none
+_HUGE = 1e15  # from here on a limit means that there is none
 
 
 @dataclass
@@ -152,7 +152,7 @@ def dynamics(joint: Element) -> dict[str, float]:
 
 
 def visual(element: Element) -> Visual | None:
-    """What a <visual> looks like; None for a shape that is not drawn."""
+    """The shape of a <visual>; None for one that is not drawn."""
     shape = element.child("geometry/*")
     if shape is None:
         return None
@@ -167,13 +167,11 @@ def visual(element: Element) -> Visual | None:
     return None
 
 
+# Type of a joint: that of the URDF's joint which carries a link, and the kind of loop it closes.
 _TYPES = {
-    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic",
-    "fixed": "fixed", "ball": "fixed", "universal": "fixed",
-}  # fmt: skip
-_LOOPS = {
-    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic",
-    "fixed": "weld", "ball": "spherical", "universal": "universal",
+    "revolute": ("revolute", "revolute"), "continuous": ("continuous", "revolute"),
+    "prismatic": ("prismatic", "prismatic"), "fixed": ("fixed", "weld"),
+    "ball": ("fixed", "spherical"), "universal": ("fixed", "universal"),
 }  # fmt: skip
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "universal")
 # Tags that are taken over, or that say nothing about the mechanism.
@@ -181,20 +179,13 @@ _TAKEN = {
     "model": ("link", "joint", "frame", "pose", "self_collide", "static", "allow_auto_disable"),
     "link": ("pose", "inertial", "visual", "collision", "self_collide"),
     "inertial": ("pose", "mass", "inertia"),
-    "joint": (
-        "pose",
-        "parent",
-        "child",
-        "axis",
-        "axis2",
-        "gearbox_ratio",
-        "gearbox_reference_body",
-    ),
+    "joint": ("pose", "parent", "child", "axis", "axis2", "gearbox_ratio",
+              "gearbox_reference_body"),
     "axis": ("xyz", "limit", "dynamics", "use_parent_model_frame", "initial_position"),
     "axis2": ("xyz", "use_parent_model_frame"),
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
-}
+}  # fmt: skip
 
 
 def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
@@ -212,9 +203,9 @@ def read(text: str, file: str, package_dirs: tuple[str, ...]) -> Source:
     reading = Reading(file, Tree(model.get("name") or file), poses(model), joints)
     _grow(reading, links, text_of(model, "static") in ("1", "true"))
     for name, link in links.items():
-        _fill(reading, name, link)
+        _mass_and_shapes(reading, name, link)
     for name, joint in joints.items():
-        _extras(reading, name, joint)
+        _springs_and_gears(reading, name, joint)
     for world in root.all("world"):
         if text_of(world, "gravity"):
             vector = numbers(text_of(world, "gravity"), world, "gravity", 3, "acceleration")
@@ -290,7 +281,7 @@ def _carry(reading: Reading, child: str, name: str) -> None:
     matrix = reading.poses[child].copy()
     matrix[:3, 3] = reading.poses[name][:3, 3]
     limits, effort = limits_of(joint)
-    word = _TYPES[kind]
+    word, _ = _TYPES[kind]
     if word == "revolute" and limits is None:
         word = "continuous"
     axis = np.array([0.0, 0.0, 1.0])
@@ -317,7 +308,7 @@ def _close(reading: Reading, name: str) -> None:
         reading.tree.mark(f"{name}_{end}", link, frame)
         for end, link in (("a", text_of(joint, "parent")), ("b", text_of(joint, "child")))
     ]
-    loop: dict[str, Any] = {"kind": _LOOPS[kind], "between": ends}
+    loop: dict[str, Any] = {"kind": _TYPES[kind][1], "between": ends}
     if kind in _WITH_AXIS:
         loop["axis"] = plain(frame[:3, :3].T @ axis_of(reading, joint, name))
     if kind == "universal":
@@ -335,7 +326,7 @@ def _close(reading: Reading, name: str) -> None:
 # What links and joints have ------------------------------------------------------------------
 
 
-def _fill(reading: Reading, name: str, link: Element) -> None:
+def _mass_and_shapes(reading: Reading, name: str, link: Element) -> None:
     """Mass and shapes of a link."""
     inertial = link.child("inertial")
     inertia = Inertia()
@@ -352,7 +343,7 @@ def _fill(reading: Reading, name: str, link: Element) -> None:
     reading.tree.load(name, inertia, tuple(visuals), reading.poses[name])
 
 
-def _extras(reading: Reading, name: str, joint: Element) -> None:
+def _springs_and_gears(reading: Reading, name: str, joint: Element) -> None:
     """Spring, damper and gearbox of a joint of the tree."""
     kind = joint.get("type") or ""
     if kind == "gearbox":
@@ -410,7 +401,7 @@ def _gearbox(reading: Reading, name: str, joint: Element) -> None:
 
 
 def _notes(reading: Reading, model: Element) -> None:
-    """What has no meaning here, each with its line."""
+    """Note each tag that is not taken over, with its line."""
     for element in model.iter():
         assert isinstance(element, Element)
         if element.tag in _TAKEN:

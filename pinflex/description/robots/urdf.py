@@ -38,7 +38,7 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
         raise DescriptionError(
             f"{file}: is a xacro, not a URDF. Expand it: `xacro {file} > x.urdf`."
         )
-    links = _names(root, "link", file)
+    links = _by_name(root, "link", file)
     if not links:
         raise DescriptionError(f"{file}: no <link>. A robot has at least one.")
     for name, element in links.items():
@@ -48,13 +48,13 @@ def check(text: str, file: str, package_dirs: tuple[str, ...] = ()) -> Source:
     geared = _reductions(root)
     joints = {
         name: _joint(element, name, links, file, geared.get(name))
-        for name, element in _names(root, "joint", file).items()
+        for name, element in _by_name(root, "joint", file).items()
     }
     _check_tree(tuple(links), joints, file)
     return Source(file, text, package_dirs, tuple(links), joints)
 
 
-def _names(root: ET.Element, tag: str, file: str) -> dict[str, ET.Element]:
+def _by_name(root: ET.Element, tag: str, file: str) -> dict[str, ET.Element]:
     found: dict[str, ET.Element] = {}
     for i, element in enumerate(root.findall(tag)):
         name = (element.get("name") or "").strip()
@@ -143,7 +143,7 @@ def _joint(
     _require_limit(element, kind, where)
     dynamics = element.find("dynamics")
     damping, friction = (
-        0.0 if dynamics is None else max(_plain(dynamics.get(key)), 0.0)
+        0.0 if dynamics is None else max(_number_or_zero(dynamics.get(key)), 0.0)
         for key in ("damping", "friction")
     )
     mimic = _mimic(element.find("mimic"), where)
@@ -182,7 +182,7 @@ def _reductions(root: ET.Element) -> dict[str, float]:
         if len(joints) == 1 and len(motors) <= 1:
             places = (*motors, *joints, item)
             texts = (place.findtext("mechanicalReduction") for place in places)
-            ratio = _plain(next(filter(None, texts), None))
+            ratio = _number_or_zero(next(filter(None, texts), None))
             if ratio:
                 found[joints[0].get("name", "")] = ratio
     return found
@@ -259,9 +259,9 @@ def limits(text: str) -> dict[str, Limits]:
     for joint in ET.fromstring(text.strip()).findall("joint"):
         limit = joint.find("limit")
         if limit is not None:
-            both = (_plain(limit.get(key)) for key in ("acceleration", "deceleration"))
+            both = (_number_or_zero(limit.get(key)) for key in ("acceleration", "deceleration"))
             slower = min((x for x in both if x > 0.0), default=0.0)
-            values = {key: _plain(limit.get(key)) for key in keys}
+            values = {key: _number_or_zero(limit.get(key)) for key in keys}
             found[joint.get("name", "")] = Limits(**values, acceleration=slower)
     return found
 
@@ -281,7 +281,7 @@ def motor_limits(text: str, motors: Iterable[str]) -> MotorLimits:
     )
 
 
-def _plain(text: str | None) -> float:
+def _number_or_zero(text: str | None) -> float:
     try:
         value = float(text or "0")
     except ValueError:

@@ -198,7 +198,7 @@ def scurve(
     given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
     limits = _limits("scurve", moves, given)
     v, a, j = (least_of(moves, limit) for limit in limits.values())
-    return _limited("scurve", target, moves, limits, double_s(v, a, j, delta))
+    return _motion_along("scurve", target, moves, limits, double_s(v, a, j, delta))
 
 
 @public
@@ -229,7 +229,7 @@ def ruckig(
     if solver.Ruckig(len(moves)).calculate(asked, found) != solver.Result.Working:
         raise keys.bad("ruckig", "no profile was found within these limits. Take scurve.")
     law = _together(found.profiles[0], delta, float(found.duration))
-    return _limited("ruckig", target, moves, limits, law)
+    return _motion_along("ruckig", target, moves, limits, law)
 
 
 def _limits(
@@ -242,7 +242,7 @@ def _limits(
     return found
 
 
-def _limited(kind: str, target: str, moves: Any, limits: Any, law: Pieces) -> Motion:
+def _motion_along(kind: str, target: str, moves: Any, limits: Any, law: Pieces) -> Motion:
     spec = {"kind": kind, target: moves, **limits}
     *knots, end = law.knots.tolist()
     return Motion(kind, target, tuple(moves), end, law, False, spec, tuple(knots[1:]))

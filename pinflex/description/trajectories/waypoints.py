@@ -279,7 +279,7 @@ def of_csv(text: str, where: str) -> Waypoints:
 def _numbers(
     rows: list[list[str]], columns: list[tuple[str, str, float]], places: list[str]
 ) -> Array:
-    """The cells of columns that count in SI, shape (rows, columns), or which is none."""
+    """Numbers of the used columns in SI, shape (rows, columns); a cell without one is an error."""
     factors = np.array([factor for _, _, factor in columns])
     used = [j for j, (_, field, _) in enumerate(columns) if field]
     numbers = np.zeros((len(rows), len(columns)))

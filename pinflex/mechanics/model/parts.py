@@ -15,7 +15,6 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody, flexible_body
 from pinflex.bodies.beam import damping
-from pinflex.description.blocks import material as solid_keys
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.compiled import require_memory
@@ -193,7 +192,7 @@ def resolve(
 
 def _coarse(spec: FlexibleLink) -> FlexibleLink:
     """The link with static end shapes alone, which are exact for loads at its ends."""
-    if spec.basis.kind in solid_keys.KINDS:
+    if spec.basis.solid:
         return spec
     basis = spec.basis
     if basis.kind == "craig_bampton":
@@ -213,7 +212,7 @@ def _part(
     number = index[spec.link]
     placement, length = placed_beam(where, spec, links, index, plane.spans)
     require_carrying(where, description, spec, number, links, index)
-    if spec.basis.kind in solid_keys.KINDS:
+    if spec.basis.solid:
         return _solid_part(description, spec, placement, length, where)
     planes, reason = active_planes(where, spec, plane.poses[number] * placement, plane, out)
     mass = links[number].inertia.mass

@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array
-from pinflex.description.blocks import material
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.model.tree import Link, poses_of
@@ -316,7 +315,7 @@ def _beams(
 ) -> Iterator[_Acting]:
     """Beams lie in the plane, and their patches bend them in it."""
     for spec in description.flexible:
-        if spec.basis.kind in material.KINDS:
+        if spec.basis.solid:
             continue
         where = f"{description.name}: flexible.{spec.link}"
         placement, length = placed_beam(where, spec, links, index, spans)
@@ -392,7 +391,7 @@ def _common_axis(
 
 def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:
     """Those of a beam's planes about which the description says `auto`; one always stays."""
-    if spec.basis.kind in material.KINDS or len(planes) < 2:
+    if spec.basis.solid or len(planes) < 2:
         return ()
     asked = _asked(spec)
     return tuple(d for d in planes if asked[d] == "auto")
@@ -404,7 +403,7 @@ def any_undecided(
     """Whether `auto` asks for a look at what deforms, in any link but those of given bodies."""
     index = {link.name: number for number, link in enumerate(links)}
     for spec in description.flexible:
-        if spec.basis.kind in material.KINDS or spec.link in given:
+        if spec.basis.solid or spec.link in given:
             continue
         where = f"{description.name}: flexible.{spec.link}"
         placement, _ = placed_beam(where, spec, links, index, plane.spans)

@@ -1,1 +1,1 @@
-"""What a scene is taken to be, and what is doubtful in it."""
+"""How pinflex reads a scene, and what looks wrong in it."""

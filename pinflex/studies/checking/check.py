@@ -48,7 +48,7 @@ _ALONG_MOTION = 101  # poses at which the motion is tried
 _PRELOADED = "about the static equilibrium"
 _UNDAMPED = 1e-9  # a damping ratio below is round-off
 _MOVED = 0.05  # [rad | m] beyond the digits of a guess
-_SHIFT = 0.01  # of a frequency by gravity and loads, above which both are told
+_SHIFT = 0.01  # of a frequency by gravity and loads, above which both are reported
 
 
 @frozen

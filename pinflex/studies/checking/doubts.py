@@ -36,7 +36,7 @@ _NEARLY = 1e-3  # of a limit or of the way: a motion made for a limit, and what 
 
 
 def ignored(description: Description) -> list[str]:
-    """Sentences on what the URDF says of joints and transmissions and has no effect."""
+    """Sentences on entries of the URDF that have no effect."""
     tree = description.tree()
     geared = [
         f"{name} {joint.reduction:g}"
@@ -171,7 +171,7 @@ MASS_OFF = 0.01  # share of the URDF's mass beyond which a beam's mass is worth 
 _OFF_AXIS = 1e-6  # of the largest holding torque: round-off of an axis written with ten digits
 CENTRE_OFF = 0.05  # the same for its centre of mass, as a share of the span
 SAG_FAR = 0.1  # share of the longest flexible link beyond which a sag is worth a warning
-SAG_NONE = 1e-6  # share below which it is none, as where a leg hangs straight
+SAG_NONE = 1e-6  # share below which there is no sag, as of a leg that hangs straight
 SAG_APART = 0.2  # share by which linear and full statics may differ without a word
 
 
@@ -335,7 +335,7 @@ def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
 
 
 def _cut_open(mechanism: Mechanism) -> list[str]:
-    """What to write where ends that nothing holds coincide at home."""
+    """Proposal for open ends that coincide at home."""
     loops = cut_open(mechanism)
     if not loops:
         return []
@@ -347,7 +347,7 @@ def _cut_open(mechanism: Mechanism) -> list[str]:
 
 
 def _loose_at_home(mechanism: Mechanism) -> list[str]:
-    """What bears no force at home under gravity and lasting loads."""
+    """Pins, gears and cables that bear no force at home under gravity and lasting loads."""
     system = mechanism.standing
     if not system.kinks.rows or mechanism.report.mobility > len(mechanism.motors):
         return []

@@ -201,7 +201,8 @@ def statics(mechanism: Mechanism) -> Statics:
     swings = report.mobility > len(mechanism.motors)
     held = swings and bool(mechanism.description.springs)  # perhaps: then it has an equilibrium
     if swings and not held and not hangs(mechanism):
-        return _none("the motors do not hold every degree of freedom")
+        why = "the motors do not hold every degree of freedom"
+        return Statics(linear_reason=why, full_reason=why)
     rigid = _torques(rigid_holding(mechanism)[0])
     if not mechanism.compliant and not held:
         why = "no flexible link and no elastic joint"
@@ -213,9 +214,9 @@ def statics(mechanism: Mechanism) -> Statics:
     if held:
         linear_reason = "what springs between frames hold is not linearised"
     if not swings:
-        linear, linear_reason = _try(lambda: linear_statics(mechanism))
-        loaded, _ = _try(lambda: linear_statics(mechanism, loaded=True))
-    full, full_reason = _try(lambda: rest(mechanism))
+        linear, linear_reason = _or_reason(lambda: linear_statics(mechanism))
+        loaded, _ = _or_reason(lambda: linear_statics(mechanism, loaded=True))
+    full, full_reason = _or_reason(lambda: rest(mechanism))
     if full is not None and full.unstable:
         full, full_reason = None, unstable_text("static equilibrium")
     dynamics = Equations(system)
@@ -241,11 +242,7 @@ def rigid_holding(mechanism: Mechanism) -> tuple[Array, Array]:
     return torque[0], lam[0, lam.shape[1] - len(mechanism.idle.spins) :]
 
 
-def _none(why: str) -> Statics:
-    return Statics(linear_reason=why, full_reason=why)
-
-
-def _try(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, str]:
+def _or_reason(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, str]:
     try:
         return solve(), ""
     except SceneError as error:

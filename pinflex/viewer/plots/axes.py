@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from pinflex.viewer.plots.drawing import (
     Drawing,
     Room,
     panels,
-    save,
     shown_axes,
     styled,
     title,
@@ -79,7 +76,7 @@ _FEW = 8  # curves that a legend still tells apart
 
 def plot_run(result: Result, quantity: str | None = None, ax: Axes | None = None) -> Any:
     """Axes with a quantity of a run over time."""
-    quantity = quantity or _first(result)
+    quantity = quantity or _usual_quantity(result)
     kind, _, name = quantity.partition("/")
     if quantity == "stress" or (kind == "link" and name in result.links):
         return _stress(result, None if quantity == "stress" else name, ax)
@@ -154,7 +151,7 @@ def draw(
     return on
 
 
-def _first(result: Result) -> str:
+def _usual_quantity(result: Result) -> str:
     if result.motors:
         return "torque"
     return f"frame/{result.frames[0]}" if result.frames else f"joint/{result.joints[0]}"
@@ -194,7 +191,8 @@ def _of_array(result: Result, key: str) -> tuple[dict[str, Array], str]:
         others = tuple(k for k in range(values.ndim) if k != 1)
         place = int(np.abs(values).max(axis=others).argmax())
         values = values[:, place]
-        at = f"node {place}" if "/mesh/" in key else f"x = {_station(result, key, place):.4g} mm"
+        x = result.link(key.split("/")[1]).x
+        at = f"node {place}" if "/mesh/" in key else f"x = {1e3 * x[place]:.4g} mm"
         label = f"{key} at {at}"
     elif key.startswith(("joint/", "nominal/")):
         names = tuple(result.joints)
@@ -203,11 +201,6 @@ def _of_array(result: Result, key: str) -> tuple[dict[str, Array], str]:
         names = tuple(str(k) for k in range(flat.shape[1])) if flat.shape[1] > 1 else (key,)
     unit = result.unit(key)
     return dict(zip(names, flat.T, strict=True)), f"{label} [{unit}]" if unit else label
-
-
-def _station(result: Result, key: str, place: int) -> float:
-    """Place of a station on its link [mm]."""
-    return 1e3 * float(result.link(key.split("/")[1]).x[place])
 
 
 def _stress(result: Result, link: str | None, ax: Axes | None) -> Any:
@@ -257,25 +250,6 @@ def figures_of(
                     spectrum, run, _liveliest(run), natural=natural
                 )
     return figures
-
-
-def save_all(
-    rigid: Result,
-    others: Mapping[str, Result],
-    folder: str | Path,
-    natural: Sequence[float] = (),
-    tell: Callable[[str], None] = lambda text: None,
-) -> list[Path]:
-    """Write the figures that the results allow as .png files; returns their paths."""
-    figures = figures_of(rigid, others, natural)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number, (name, figure) in enumerate(figures.items(), 1):
-        tell(f"drawing {number} of {len(figures)}")
-        paths.append(folder / (re.sub(r"[^\w.-]+", "_", name) + ".png"))
-        save(figure().axes, paths[-1])
-    return paths
 
 
 def _most_loaded(run: Result) -> tuple[str, ...]:

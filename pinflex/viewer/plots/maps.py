@@ -278,7 +278,7 @@ def axes_of_play(play: Play, along: tuple[str, str], ax: Axes | None = None) -> 
 
 def axes_of_plays(plays: PlayMap, ax: Axes | None = None, path: str | Path | None = None) -> Any:
     """Axes of a map of plays."""
-    height = _HIGH if _wide(plays)[1:] else _LOW
+    height = _HIGH if _varied(plays)[1:] else _LOW
     return Drawing(None, {"play": lambda on: _draw_plays(on, plays)}, height).axes(None, ax, path)
 
 
@@ -301,7 +301,7 @@ def _outline(ax: Axes, play: Play, along: tuple[str, str]) -> None:
     ax.set(xlabel=names[0], ylabel=names[1])
 
 
-def _wide(plays: PlayMap) -> list[int]:
+def _varied(plays: PlayMap) -> list[int]:
     found = [k for k, values in enumerate(plays.grid.values()) if len(values) > 1][:2]
     if not found:
         raise DescriptionError(f"{plays.name}: one pose makes no plot. Give a grid with a:b:n.")
@@ -310,7 +310,7 @@ def _wide(plays: PlayMap) -> list[int]:
 
 def _draw_plays(ax: Axes, plays: PlayMap) -> None:
     """The longest way over one or two coordinates, in the second case with outlines."""
-    drawn = _wide(plays)
+    drawn = _varied(plays)
     names = [list(plays.grid)[k] for k in drawn]
     x = [plays.grid[name] for name in names]
     sizes = plays.plays.shape

@@ -73,7 +73,7 @@ def _bars(ax: Axes, found: Modes) -> None:
 
 
 def _parts(found: Modes) -> list[tuple[str, Array, str]]:
-    """What holds most of the energy of these modes: name, share in each mode, colour."""
+    """Parts that hold most of the energy of these modes: name, share in each mode, colour."""
     share = np.asarray(found.share)
     if not share.size:
         return []
@@ -272,7 +272,7 @@ _LABELS = {
 def _values(
     found: Fastest, motion: Motion, run: Result, rest: Array, panel: str
 ) -> Callable[[Array], Array]:
-    """What a panel shows of one motion, at the first samples of its run."""
+    """The curve of a panel for one motion, as a function of the first samples of its run."""
     if panel == "speed":
         far = np.linalg.norm([*found.moves.values()])
         if motion.target != found.target:  # a command's: of the platform that follows

@@ -18,8 +18,7 @@ from pinflex.arrays import Array
 from pinflex.bodies import family as beam_modes
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.beam import second_order
-from pinflex.description.blocks.flexible import Basis, EndMass
-from pinflex.description.blocks.material import BOUNDARIES
+from pinflex.description.blocks.flexible import BOUNDARIES, Basis, EndMass
 from pinflex.description.section import Section
 from tests.bar import BAR, CB, CUBIC, QUINTIC, STEEL, L, bending_unit, body, omega
 

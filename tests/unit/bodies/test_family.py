@@ -18,7 +18,7 @@ from pinflex.bodies.family import (
     quadrature,
     sines,
 )
-from pinflex.description.blocks.material import BOUNDARIES
+from pinflex.description.blocks.flexible import BOUNDARIES
 
 # Roots b L (Blevins 1979; benchmarks A), to the digits printed.
 TABLE = {

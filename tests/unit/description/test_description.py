@@ -209,7 +209,7 @@ def test_every_key_is_explained_in_the_readme() -> None:
     keys = {*description.KEYS, *flexible.KEYS, *material.KEYS, *loops.LOOP_KINDS}
     for record in (JointExtra, SolveSpec, Basis):
         keys |= {field.name for field in dataclasses.fields(record)} - {"name"}
-    keys |= {*material.MATERIALS, *material.BOUNDARIES}
+    keys |= {*material.MATERIALS, *flexible.BOUNDARIES}
     for shape in section.SHAPES.values():
         keys |= {shape.name, *shape.keys}
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.studies.study import study
 from tests.scenes import Body, load
 
 ARM = [
@@ -52,7 +51,7 @@ def test_so_are_those_of_the_urdf(slip: dict[str, object], said: str, tmp_path: 
 
 def test_compare_says_it_too(tmp_path: Path) -> None:
     robot = load(tmp_path, ARM, BEND, ["gravity=[0, 0, 9.81]"], inertia="urdf")
-    notes = study(robot, levels=("rigid", "ked")).table.notes
+    notes = pf.compare(robot, levels=("rigid", "ked")).table.notes
     assert any("falls upward" in note for note in notes)
 
 

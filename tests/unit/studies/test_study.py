@@ -19,14 +19,13 @@ import pinflex as pf
 from pinflex.__main__ import settled
 from pinflex.errors import ConvergenceError
 from pinflex.studies import study as open_steps
-from pinflex.studies.study import study
 
 LEVELS = ("coupled",)
 
 
 def test_coupled_is_within_a_thousandth_where_the_scene_leaves_its_steps_open() -> None:
     robot = pf.load("ur5")
-    run = study(robot, LEVELS)["coupled"]
+    run = pf.compare(robot, levels=LEVELS)["coupled"]
     exact = pf.solve(robot, level="coupled", tol=1e-6)
     equal = pf.solve(robot, level="coupled")
 
@@ -41,7 +40,7 @@ def test_coupled_is_within_a_thousandth_where_the_scene_leaves_its_steps_open() 
 @pytest.mark.parametrize("asked", ["solve.dt=1e-3", "solve.integrator=hht", "solve.rho_inf=0.9"])
 def test_steps_that_a_scene_asks_for_are_taken(asked: str) -> None:
     robot = pf.load("3rrr", ["solve.until=0.02", "solve.samples=21", asked])
-    assert "tol" not in study(robot, LEVELS)["coupled"].meta["settings"]
+    assert "tol" not in pf.compare(robot, levels=LEVELS)["coupled"].meta["settings"]
 
 
 def test_equal_steps_answer_where_the_tolerance_is_out_of_reach(
@@ -57,7 +56,7 @@ def test_equal_steps_answer_where_the_tolerance_is_out_of_reach(
 
     monkeypatch.setattr(open_steps, "solve", refusing)
     robot = pf.load("3rrr", ["solve.until=0.02", "solve.samples=21"])
-    done = study(robot, LEVELS)
+    done = pf.compare(robot, levels=LEVELS)
     assert tried == [None, 1e-3, None] and not done.unsolved
     assert "tol" not in done["coupled"].meta["settings"]
 
@@ -68,7 +67,7 @@ def test_equal_steps_answer_where_the_tolerance_takes_more_of_them(
 ) -> None:
     monkeypatch.setattr(open_steps, "default_step", lambda robot, end: end / steps)
     robot = pf.load("ur5", ["solve.until=0.3", "solve.samples=21"])
-    settings = study(robot, LEVELS)["coupled"].meta["settings"]
+    settings = pf.compare(robot, levels=LEVELS)["coupled"].meta["settings"]
     assert ("tol" in settings) is within  # by collocation it takes 20 to 60 steps
 
 
@@ -95,14 +94,14 @@ def test_a_run_that_ends_as_its_motion_stops_says_what_it_does_not_show(
     """A motion of 0.05 s, to its end, beyond it, and not so far."""
     move = "motion={kind: cycloid, joints: {motor: 0.5}, duration: 0.05}"
     robot = pf.load("race_r3", [move, f"solve.until={until}"])
-    notes = study(robot, levels=("rigid", "ked")).table.notes
+    notes = pf.compare(robot, levels=("rigid", "ked")).table.notes
     assert any("end as the motion stops: --set solve.until=0.1000" in x for x in notes) == said
 
 
 def test_a_motion_beyond_the_limits_of_the_urdf_is_named() -> None:
     """A cycloid's top speed is 2 D / T: 3.2 rad/s of a ur5 that may do 3.15."""
     said = "shoulder_pan_joint takes a speed of up to 3.2, more than the URDF's 3.15"
-    notes = study(pf.load("ur5"), ("rigid", "ked")).table.notes
+    notes = pf.compare(pf.load("ur5"), levels=("rigid", "ked")).table.notes
     assert any(said in note for note in notes)
 
     def warned(*values: str) -> str:

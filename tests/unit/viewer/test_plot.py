@@ -20,7 +20,7 @@ from pinflex.results.result import Result, peak
 from pinflex.viewer import plot
 from pinflex.viewer.plot import amplitudes, highest, maxima
 from pinflex.viewer.plots import axes as figures
-from pinflex.viewer.plots.drawing import panels
+from pinflex.viewer.plots.drawing import panels, save
 from tests.synthetic import BENDING, synthetic_result
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -169,15 +169,13 @@ def test_a_quantity_that_never_moves_has_an_empty_spectrum(flexible, tmp_path):
     figure.savefig(tmp_path / "flat.png")
 
 
-def test_save_all_writes_every_figure_the_results_allow(rigid, flexible, tmp_path):
-    paths = figures.save_all(rigid, {"coupled, 2 segments": flexible}, tmp_path / "plots")
-    assert [p.name for p in paths] == [
-        "torques.png",
-        "deviation_coupled_2_segments.png",
-        "stress_coupled_2_segments.png",
-        "spectrum_coupled_2_segments.png",
-    ]
-    assert all(p.read_bytes()[:4] == b"\x89PNG" for p in paths)
+def test_a_comparison_has_every_figure_the_results_allow(rigid, flexible, tmp_path):
+    drawn = figures.figures_of(rigid, {"coupled": flexible})
+    parts = ("deviation", "stress", "spectrum")
+    assert [*drawn] == ["torques", *(f"{part}_coupled" for part in parts)]
+    for name, figure in drawn.items():
+        path = save(figure().axes, tmp_path / "plots" / f"{name}.png")
+        assert path.read_bytes()[:4] == b"\x89PNG"
 
 
 def test_plotting_leaves_no_global_state_and_importing_it_is_light():
