@@ -18,7 +18,7 @@ from pinflex.description.motions import laws
 from pinflex.description.motions.laws import Kinematics
 from pinflex.description.motions.motion import Motion
 from pinflex.description.trajectories.profiles import double_s
-from pinflex.errors import DescriptionError, PinflexError
+from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.levels.modes import modes
 from pinflex.levels.ringing import ringing
 from pinflex.mechanics.mechanism import Mechanism
@@ -38,8 +38,8 @@ SHAPERS = ("", "zv", "zvd", "ei")
 _TOL = 1e-4  # of the runs: 0.1 um of a swing of 1 mm
 _SUDDEN = 1e9  # jerk over acceleration [1/s] where no jerk is limited
 _PLACES = 801
-_OVER = 4e-4  # of a limit: less is printed as 100.0 %
-_TRIES = 3
+_OVER, _BROKEN = 4e-4, 0.01  # of a limit: less is printed as 100.0 %; more keeps none
+_TRIES = 5
 _TOPS = np.linspace(0.4, 1.0, 7)  # of a top speed that are tried
 _STILL = 1e-6  # of their top speed, below which the motors of a command rest
 
@@ -154,6 +154,11 @@ def _row(
         if push <= 1.0 + _OVER:
             break
         room /= push
+    if push > 1.0 + _BROKEN:
+        raise ConvergenceError(
+            f"it takes {100 * push:.4g} % of a limit of torque, however it is slowed down: what it "
+            "makes vibrate changes with its length."
+        )
     every = [seen]
     for model in [*found.models.values()][1:]:
         every.append(settled(model, motion, rest(model), found.band, end, period, _TOL))
