@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import NamedTuple, cast
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal
 from pinflex.arrays import Array
@@ -18,6 +17,7 @@ from pinflex.integrators.problem import Run, Settings
 from pinflex.kernel.evaluate import JointForces
 from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
@@ -223,20 +223,6 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
         )
     spins = {joint: np.linalg.norm(rates[joint][:, 0, 3:], axis=1) for joint in bearing}
     return Kinematics(poses, arrays, spins)
-
-
-def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
-    """Of a frame: position, rotation, velocity and classical acceleration in the world."""
-    turn, p = poses[:, :, :3], np.asarray(placement.translation)
-    (v, w), (a, spin) = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in rates.swapaxes(0, 1))
-    speed = v + cross(w, p)
-    linear = a + cross(spin, p) + cross(w, speed)
-
-    def world(*vectors: Array) -> Array:
-        return np.concatenate([(turn @ x[..., None])[..., 0] for x in vectors], axis=1)
-
-    position = turn @ p + poses[:, :, 3]
-    return position, turn @ placement.rotation, world(speed, w), world(linear, spin)
 
 
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:

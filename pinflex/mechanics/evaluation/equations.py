@@ -242,10 +242,9 @@ class Equations:
         of = self.reference
         return _in_turn(lambda Y: (of.placing.poses(of.map.at(Y).Q),), np.atleast_2d(y))[0]
 
-    def kinematics(self, y: Array, v: Array | None = None, joint: int | None = None) -> Kinematics:
-        """Joints at y (nq,) or (n, nq); with v, the rates of the Jacobians too."""
-        V = None if v is None else np.atleast_2d(v)
-        return self.reference.kinematics(np.atleast_2d(y), V, joint)
+    def kinematics(self, y: Array, joint: int | None = None) -> Kinematics:
+        """Joints, or one of them, at y (nq,) or (n, nq)."""
+        return self.reference.kinematics(np.atleast_2d(y), joint)
 
     def motions(self, y: Array, v: Array, a: Array, joints: Sequence[int]) -> tuple[Array, Array]:
         """Poses of k joints (k, n, 3, 4) in the world, and their spatial motion (k, n, 2, 6).

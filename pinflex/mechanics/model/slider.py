@@ -21,7 +21,7 @@ The contact is where frame b projects on the beam's x axis; the axial shift -1/2
 point changes v(X) in the third order, beyond what the shapes keep (`pinflex.bodies.basis`).
 
 A link cut into segments has a beam frame in each: the rows are those of the segment that the sleeve
-is on, along the curve of its sections as they are in space (`pinflex.mechanics.passing`).
+is on, along the curve of its sections as they are in space (`pinflex.mechanics.reference.sleeves`).
 
 Source: Sharifnia, Akbarzadeh (2016), eq. 14-15, 25-28, for hold, right and left; forces act through
 the transposed Jacobian.
