@@ -13,7 +13,7 @@ from pinflex.actuation.drive import Nominal
 from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
 from pinflex.errors import DescriptionError
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.problem import Run, Settings, states_of
 from pinflex.kernel.evaluate import JointForces
 from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.equations import Equations
@@ -361,15 +361,8 @@ class Samples:
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:
     """The states of a result as a run of the mechanism that it came from."""
-    flexible = "eta" in result.arrays
-    system = mechanism.flexible if flexible else mechanism.rigid
-    parts = [("q", "eta"), ("v", "eta_v"), ("a", "eta_a")]
-    y, v, a = (
-        np.hstack([result.array(f"joint/{x}"), result.array(e)]) if flexible
-        else result.array(f"joint/{x}")
-        for x, e in parts
-    )  # fmt: skip
-    lam = result.array("multiplier")
+    system = mechanism.flexible if "eta" in result.arrays else mechanism.rigid
+    (y, v, a), lam = states_of(result), result.array("multiplier")
     sizes = (y.shape[1], v.shape[1], lam.shape[1])
     wanted = (system.nq, system.nv, system.closed.n)
     if sizes != wanted or result.meta["name"] != mechanism.name:
