@@ -313,7 +313,7 @@ class Path:
     def _values(self, pose: Array) -> Array:
         """Platform coordinates that are imposed, at a pose, shape (k,)."""
         assert self.platform is not None
-        found: Array = self.platform.values(self.dynamics.joint_poses(pose))[0]
+        found: Array = self.platform.of(self.dynamics, pose[None])[0]
         return found
 
     def _jacobian(self, pose: Array) -> Array:

@@ -430,7 +430,7 @@ def moving(end: Attachment, places: Places) -> tuple[Array, Array, Array]:
     return pose[:, :, 3] + R @ local, speed, spin
 
 
-def seen(one: Touch, places: Places) -> tuple[Array, Array, Array]:
+def relative_motion(one: Touch, places: Places) -> tuple[Array, Array, Array]:
     """Axes of A (n, 3, 3), the motion of B as A sees it (n, 9), and the place of b (n, 3)."""
     (p_a, v_a, spin_a), (p_b, v_b, spin_b) = (moving(end, places) for end in (one.a, one.b))
     R, d = places[one.a.joint][0][:, :, :3], p_b - p_a
@@ -452,7 +452,7 @@ def pins(equations: Equations, Y: Array, V: Array, A: Array) -> dict[str, tuple[
     for one in touches:
         loop = closed.names.index(one.name)
         frame_a, frame_b = frames[:, loop], frames[:, len(closed.names) + loop]
-        R, motion, corner = seen(one, places)
+        R, motion, corner = relative_motion(one, places)
         acts = one.force(motion, system.kinks)
         F, M = ((R @ x[:, :, None])[:, :, 0] for x in (acts.force, acts.moment))
         wrench = np.concatenate([F, M + np.cross(corner - frame_b[:, :, 3], F)], axis=1)

@@ -110,10 +110,6 @@ class PlatformCoordinates:
         self._frame = Frame(system.model, place)
         self._columns = [PLATFORM_COORDINATES.index(name) for name in names]
 
-    def values(self, poses: Array) -> Array:
-        """Values from joint poses (n, joints, 12), shape (n, k)."""
-        return self._every(poses)[:, self._columns]
-
     def of(self, system: Equations, y: Array) -> Array:
         """Values at y (n, nq), shape (n, k): of the compiled equations where they serve."""
         ((R, p),) = poses_of_frames(system, y, [self._place])

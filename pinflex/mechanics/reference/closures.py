@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.mechanics.kinks import Kinks, Places, Pull, moving, seen
+from pinflex.mechanics.kinks import Kinks, Places, Pull, moving, relative_motion
 from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.reference import sleeves
 from pinflex.mechanics.reference.sleeves import PAST, TINY, dot
@@ -199,7 +199,7 @@ class LoadStates:
             push(a, pull.force[:, None] * u)
             push(b, -pull.force[:, None] * u)
         for one in self._given.touches:
-            R, motion, place = seen(one, self._places)
+            R, motion, place = relative_motion(one, self._places)
             found = one.force(motion, self._kinks)
             F, M = ((R @ x[:, :, None])[:, :, 0] for x in (found.force, found.moment))
             push(one.b, F, M)
@@ -225,7 +225,7 @@ class LoadStates:
         return damped + sum(found.loss for found in self._touched())
 
     def _touched(self) -> list[TouchForce]:
-        every = ((one, seen(one, self._places)[1]) for one in self._given.touches)
+        every = ((one, relative_motion(one, self._places)[1]) for one in self._given.touches)
         return [one.force(motion, self._kinks) for one, motion in every]
 
     def _pulled(self, k: int) -> tuple[Array, Pull]:

@@ -22,7 +22,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.kernel.evaluate import Closure, Energies, JointForces, Tangent
 from pinflex.mechanics.evaluation.frames import Frame
-from pinflex.mechanics.kinks import Pull, places_of, seen
+from pinflex.mechanics.kinks import Pull, places_of, relative_motion
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference import closures
@@ -529,7 +529,7 @@ class Reference:
         found, at = [], self.kinematics(y[None])
         places = places_of(self, y[None], *np.zeros((2, 1, self.system.nv)))
         for one in self.system.loads.touches:
-            (R,), (motion,), _ = seen(one, places)
+            (R,), (motion,), _ = relative_motion(one, places)
             u, d = R @ one.outward(motion[None, :3])[0][0], R @ motion[:3]
             a, b = (Frame(self.model, end).jacobian(at)[0] for end in (one.a, one.b))
             found.append(u @ (b - a)[:3] - np.cross(d, u) @ a[3:])
