@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.advice.probe import Deviation, Probe
+from pinflex.advice.probe import Probe
 from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
 from pinflex.description.blocks import material
@@ -29,6 +29,7 @@ from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.problem import Run
+from pinflex.levels.ked import Response
 from pinflex.levels.outputs import OUTPUTS, ROUND_OFF, output_differences, pose_of
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
@@ -430,7 +431,7 @@ def _poses(
     return pose_of(run), pose_of(richer_run(run, finer, motion, {}, True))
 
 
-def described(probe: Probe) -> Deviation:
+def described(probe: Probe) -> Response:
     """The vibration, corrected twice: where deflections settle, stiff modes may still run away."""
     march, once, twice = probe.marched(2)
     for of_march, of_once, of_twice in (
