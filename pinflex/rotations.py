@@ -47,7 +47,7 @@ def zyx_matrix(angles: Array) -> Array:
         (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
         (-sy, cy * sx, cy * cx),
     )
-    R = np.empty((*angles.shape[:-1], 3, 3))
+    R = np.empty((*angles.shape[:-1], 3, 3), angles.dtype)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             R[..., i, j] = entry

@@ -195,10 +195,12 @@ ride._beside_the_centre = lambda rest, beam: 0.0
     "centripetal term off: frames accelerate as if their joint only sped up": (
         """
 import numpy as np
-import pinflex.recovery.kinematics as moves, inspect
-source = inspect.getsource(moves.motion_of)
+import pinflex.mechanics.evaluation.frames as moves, inspect
+source = "from __future__ import annotations\\n" + inspect.getsource(moves.motion_of)
 assert "cross(w, speed)" in source
 exec(source.replace("cross(w, speed)", "cross(w, v)"), moves.__dict__)
+import pinflex.recovery.kinematics as recovered
+recovered.motion_of = moves.motion_of
 """,
         ["tests/verification/test_quiet_terms.py"],
     ),
@@ -305,7 +307,7 @@ recompiled("inputs.c", "<= in->gap", "<= -1.0")
     ),
     "sections anywhere are taken for the same place": (
         """
-altered("pinflex.advice.error_bars", "< _SECTION * at[-1]", "< 1.0")
+altered("pinflex.levels.outputs", "< _SECTION * at[-1]", "< 1.0")
 """,
         ["tests/unit/advice/test_second_run.py"],
     ),

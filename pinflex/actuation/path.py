@@ -306,14 +306,14 @@ class Path:
         error = self.platform.error(place, target)
         return np.concatenate([c, error], axis=1), np.concatenate([J, J_place], axis=1)
 
-    def _placed(self, poses: Array, v: Array | None = None) -> Kinematics:
+    def _placed(self, poses: Array) -> Kinematics:
         assert self.platform is not None
-        return self.dynamics.kinematics(poses, v, self.platform.joint)
+        return self.dynamics.kinematics(poses, self.platform.joint)
 
     def _values(self, pose: Array) -> Array:
         """Platform coordinates that are imposed, at a pose, shape (k,)."""
         assert self.platform is not None
-        found: Array = self.platform.values(self.dynamics.joint_poses(pose))[0]
+        found: Array = self.platform.of(self.dynamics, pose[None])[0]
         return found
 
     def _jacobian(self, pose: Array) -> Array:
@@ -330,7 +330,7 @@ class Path:
         gamma = self.dynamics.closure_bias(poses, v)
         if self.platform is None:
             return gamma
-        swept = self.platform.bias(self._placed(poses, v))
+        swept = self.platform.bias(self.dynamics, poses, v)
         return np.concatenate([gamma, swept], axis=1)
 
     def _equations(self, pose: Array, target: Array) -> tuple[Array, Array]:

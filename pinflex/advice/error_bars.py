@@ -21,20 +21,20 @@ from typing import Any
 
 import numpy as np
 
-from pinflex.advice.probe import Deviation, Probe
+from pinflex.advice.probe import Probe
 from pinflex.advice.reduced_models import PLANES, SAFETY, Errors, beams, enlarged
 from pinflex.arrays import Array
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.problem import Run
-from pinflex.levels.outputs import REST, ROUND_OFF, STILL, between, platform_poses, relative
+from pinflex.levels.ked import Response
+from pinflex.levels.outputs import OUTPUTS, ROUND_OFF, output_differences, pose_of
 from pinflex.levels.quasistatic_smooth import solve_equilibria
 from pinflex.levels.start import in_equilibrium
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.progress import Callback
-from pinflex.recovery.links import deflections
 from pinflex.recovery.recover import result_of
 from pinflex.results.error_bars import NOT_MEASURED, ErrorBars, time_error
 from pinflex.results.result import Result
@@ -157,8 +157,6 @@ _OF_THE_METHOD = (
     *("modes", "asked", "level"),
 )
 _FINER = 0.1  # of the tolerance: where the error of time hides what the model leaves out
-_SECTION = 1e-6  # of the length: sections so near are one
-_PARTS = {"section forces": (slice(0, 3), slice(3, 6))}  # N, N m
 
 
 def run_difference(
@@ -224,108 +222,11 @@ def free(mechanism: Mechanism) -> bool:
     return mechanism.report.mobility != len(mechanism.rigid.motors)
 
 
-def output_differences(a: Result, b: Result, free: bool = False) -> dict[str, float]:
-    """Largest differences of all outputs of two runs at the same instants, relative."""
-    found: dict[str, float | None] = {}
-    if a.torque.shape[1]:
-        found["torque"] = _ratio([a.torque], [b.torque])
-    found |= link_differences(a, b)
-    found |= _platform_of_runs(a, b, free)
-    if not found or not any(found.values()):
-        found["joint speeds"] = _ratio([a.array("joint/v")], [b.array("joint/v")])
-    return {key: e for key, e in found.items() if e is not None}
-
-
-def link_differences(a: Result, b: Result, left_out: str = "") -> dict[str, float]:
-    """The same of deflection, stress and section forces, at the sections that both have."""
-    found: dict[str, float] = {}
-    values: dict[str, tuple[list[Array], list[Array]]] = {
-        key: ([], []) for key in _OF_LINKS if key != left_out
-    }
-    for name in b.links:
-        theirs = b.link(name)
-        mine = a.link(name) if name in a.links else None
-        own, at = shared(theirs.x if mine is None else mine.x, theirs.x)
-        for key, pair in values.items():
-            pick = _OF_LINKS[key]
-            y = pick(theirs)[:, at]
-            pair[0].append(0.0 * y if mine is None else pick(mine)[:, own])
-            pair[1].append(y)
-    for key, (x, y) in values.items():
-        for part in _PARTS.get(key, (slice(None),)):
-            cut = (..., part) if key in _PARTS else ...
-            e = _ratio([v[cut] for v in x], [v[cut] for v in y])
-            if e is not None:
-                found[key] = max(found.get(key, 0.0), e)
-    return found
-
-
-_OF_LINKS: Any = {
-    "deflection": lambda link: link.deflection[:, :, :3],
-    "stress": lambda link: link.von_mises,
-    "section forces": lambda link: link.resultant,
-}
-
-
-def platform_acceleration(a: Result, b: Result) -> dict[str, float]:
-    """The same of the platform's acceleration."""
-    name = b.meta.get("platform")
-    if not name:
-        return {}
-    x, y = (run.array(f"frame/{name}/acceleration")[:, :3] for run in (a, b))
-    e = _ratio([x], [y])
-    return {} if e is None else {"platform acceleration": e}
-
-
-def _platform_of_runs(a: Result, b: Result, free: bool) -> dict[str, float]:
-    """Pose of the platform, relative to its largest deviation from rigid, and its acceleration."""
-    name = b.meta.get("platform")
-    if not name:
-        return {}
-    known = not free and name in b.meta["bodies"]
-    rigid = b.array(f"body/{name}/pose_rigid") if known else None
-    (p, R), (p_b, R_b) = pose_of(a), pose_of(b)
-    p_r, R_r = (p_b[:1], R_b[:1]) if rigid is None else (rigid[:, :, 3], rigid[:, :, :3])
-    pairs = {
-        "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
-        "platform rotation": (
-            np.abs(between(R, R_b)).max(),
-            np.abs(between(np.broadcast_to(R_r, R_b.shape), R_b)).max(),
-        ),
-    }
-    found = {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
-    return found | platform_acceleration(a, b)
-
-
-def pose_of(run: Result) -> tuple[Array, Array]:
-    """Positions (n, 3) [m] and rotations (n, 3, 3) of the platform in a run."""
-    name = run.meta["platform"]
-    return run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")
-
-
-def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
-    """Numbers of the sections that are among others, and which of those they are."""
-    near = np.argmin(np.abs(at[:, None] - x), axis=0)
-    same = np.flatnonzero(np.abs(at[near] - x) < _SECTION * at[-1])
-    return same.tolist(), near[same].tolist()
-
-
-def _ratio(a: list[Array], b: list[Array]) -> float | None:
-    """Largest difference over the largest value of the second; None: that is zero."""
-    scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b), default=0.0)
-    scale = scale if scale > REST else 0.0  # round-off
-    apart = (float(np.max(np.abs(x - y), initial=0.0)) for x, y in zip(a, b, strict=True))
-    return max(apart, default=0.0) / scale if scale > 0.0 else None
-
-
+_OF_POSES = ("torque", "deflection", "platform position", "platform rotation")
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
 _SETTLED, _FAINT = 0.25, 1e-6  # of a difference: what half the steps may change; below it nothing
-_TOLD = (
-    *("torque", "deflection", "stress", "section forces", "platform position"),
-    *("platform rotation", "platform acceleration"),
-)
 _PERIODS = 40.0  # of the first mode in a run: a look at more resolves none of them well
 _GIVEN = ("run", "state")  # starts that the undeformed mechanism, or equilibrium, tells nothing of
 _QUASISTATIC = 1e-6  # tolerance of the equilibria that a quasistatic run is judged by
@@ -426,26 +327,18 @@ class Look:
     some: slice
 
     @cached_property
-    def deflections(self) -> dict[str, tuple[Array, Array]]:
-        """By link: sections (nx,) and how far they move, (n, nx, 3)."""
-        return deflections(self.probe.dynamics, self.run.y)
-
-    @cached_property
-    def platform(self) -> tuple[Array, Array]:
-        """Positions (n, 3) and rotations (n, 3, 3)."""
-        return platform_poses(self.probe.mechanism, self.probe.dynamics, self.run.y)
-
-    @cached_property
-    def rigid_platform(self) -> tuple[Array, Array]:
-        """The same of the rigid motion."""
-        y = self.probe.rigid().y[self.some]
-        return platform_poses(self.probe.mechanism, self.probe.dynamics, y)
-
-    @cached_property
     def result(self) -> Result:
         """All outputs of the run."""
+        return self._of(self.run, "probe")
+
+    @cached_property
+    def rigid(self) -> Result:
+        """Those of the rigid motion."""
+        return self._of(self.probe.rigid().at(self.some), "rigid")
+
+    def _of(self, run: Run, level: str) -> Result:
         path = partial(self.probe.path.at, self.some)
-        return result_of(self.probe.mechanism, self.run, path, "probe", {}, "")
+        return result_of(self.probe.mechanism, run, path, level, {}, "")
 
 
 def look(probe: Probe, motion: Motion, level: str = "coupled") -> Look:
@@ -459,12 +352,10 @@ def compared(probe: Probe) -> slice:
     return slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
 
 
-def _look_differences(small: Look, large: Look) -> Errors:
+def differences(a: Look, b: Look, of: Sequence[str] = _OF_POSES) -> Errors:
     """Largest differences of one look from another, by output."""
-    found = link_differences(small.result, large.result, "deflection")  # which looks know
-    found |= differences(small, large)
-    found |= platform_acceleration(small.result, large.result)
-    return {key: found[key] for key in _TOLD if key in found}
+    found = output_differences(a.result, b.result, of=of, rigid=b.rigid)
+    return {key: found[key] for key in of if key in found}
 
 
 def _looks(
@@ -492,7 +383,7 @@ def _looks(
         own = Probe(mechanism, motion, end, static, probe, share)
         small = look(own, motion, level)
         large = look(Probe(finer, motion, end, static, own), motion)
-        found = _look_differences(small, large)
+        found = differences(small, large, OUTPUTS)
         apart = [abs(e - before.get(k, np.inf)) > _SETTLED * e + _FAINT for k, e in found.items()]
         if not any(apart):
             return small, large, found
@@ -532,14 +423,14 @@ def _poses(
             small, large, _ = _looks(
                 mechanism, finer, motion, motion.duration, True, "coupled", run is None
             )
-            return small.platform, large.platform
+            return pose_of(small.result), pose_of(large.result)
     except (PinflexError, np.linalg.LinAlgError):
         if run is None:
             raise
     return pose_of(run), pose_of(richer_run(run, finer, motion, {}, True))
 
 
-def described(probe: Probe) -> Deviation:
+def described(probe: Probe) -> Response:
     """The vibration, corrected twice: where deflections settle, stiff modes may still run away."""
     march, once, twice = probe.marched(2)
     for of_march, of_once, of_twice in (
@@ -563,37 +454,3 @@ def _at_level(probe: Probe, motion: Motion, level: str) -> Run:
     if level == "ked":
         return probe.linear(probe.march())
     return probe.nonlinear(described(probe))
-
-
-def differences(a: Look, b: Look) -> Errors:
-    """Largest differences of what two models do, relative as in `pinflex.levels.outputs`."""
-    found, mine, theirs = Errors(), {}, {}
-    if a.run.torque.shape[1] and np.any(b.run.torque):
-        found["torque"] = relative(a.run.torque, b.run.torque)
-    for link, (at, moved) in b.deflections.items():
-        mine[link], theirs[link] = 0.0 * moved, moved
-        if link in a.deflections:
-            x, own = a.deflections[link]
-            same, near = shared(x, at)
-            mine[link], theirs[link] = own[:, same], moved[:, near]
-    scale, far = _largest(mine, theirs)
-    if scale > 0:
-        found["deflection"] = far / scale
-    return found | (_platform(a, b) if b.probe.mechanism.description.platform else {})
-
-
-def _largest(a: Mapping[str, Array], b: Mapping[str, Array]) -> tuple[float, float]:
-    """Largest value of the second, and difference of the first, which may lack links."""
-    scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b.values()), default=0.0)
-    pairs = ((a.get(link, 0.0 * y), y) for link, y in b.items())
-    return scale, max((float(np.max(np.abs(x - y), initial=0.0)) for x, y in pairs), default=0.0)
-
-
-def _platform(a: Look, b: Look) -> Errors:
-    """Differences of the platform's pose, relative to its largest deviation from rigid."""
-    (p, R), (p_b, R_b), (p_r, R_r) = a.platform, b.platform, a.rigid_platform
-    pairs = {
-        "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
-        "platform rotation": (np.abs(between(R, R_b)).max(), np.abs(between(R_r, R_b)).max()),
-    }
-    return {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}

@@ -11,7 +11,6 @@ is what fewer modes would give.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -204,35 +203,6 @@ _MOST = 640  # steps: more would cost as much as the run that is to be saved
 RESOLVED = 8  # steps in the third mode's period; with fewer its amplitude is a guess
 
 
-@dataclass(frozen=True)
-class Deviation:
-    """d, v, a (nt, nv) from the nominal motion and the multipliers (nt, rows) beyond the rigid."""
-
-    d: Array
-    v: Array
-    a: Array
-    lam: Array
-
-    @classmethod
-    def empty(cls, steps: int, system: System) -> Deviation:
-        """Room for one."""
-        widths = (*(system.nv,) * 3, system.closed.n)
-        return cls(*(np.empty((steps, width)) for width in widths))
-
-    def put(self, s: slice, part: Deviation) -> None:
-        """Write some steps."""
-        self.d[s], self.v[s], self.a[s], self.lam[s] = part.d, part.v, part.a, part.lam
-
-    def moved(self, d: Array, v: Array, a: Array) -> Deviation:
-        """With more of the motion."""
-        return Deviation(self.d + d, self.v + v, self.a + a, self.lam)
-
-    def plus(self, other: Deviation) -> Deviation:
-        """The sum of two."""
-        moved = self.moved(other.d, other.v, other.a)
-        return Deviation(moved.d, moved.v, moved.a, self.lam + other.lam)
-
-
 class Probe:
     """One scene: its nominal motion, the linear system along it, and marches of it."""
 
@@ -292,11 +262,11 @@ class Probe:
 
     # Marches -------------------------------------------------------------------------------
 
-    def march(self, shapes: Array | None = None) -> Deviation:
+    def march(self, shapes: Array | None = None) -> Response:
         """The linear deviation, in all shapes or in the columns of `shapes` (nv, k)."""
         return self.marched(0, shapes)[0]
 
-    def marched(self, times: int, shapes: Array | None = None) -> list[Deviation]:
+    def marched(self, times: int, shapes: Array | None = None) -> list[Response]:
         """The linear deviation, and that corrected once and so on, up to so many times.
 
         A correction is the answer to what a deviation leaves in the full equations. The closures
@@ -307,7 +277,8 @@ class Probe:
             ConvergenceError: One grows without bound.
         """
         within = self._within(shapes)
-        every = [Deviation.empty(self.steps, self.system) for _ in range(times + 1)]
+        size = self.system.nv, self.system.closed.n
+        every = [Response.empty(self.steps, *size) for _ in range(times + 1)]
         going = [within.begin() for _ in every]
         for s in within.windows():
             rest = self._at_rest(self._none(1), s)
@@ -316,14 +287,14 @@ class Probe:
             for one, history in zip(going[1:], every[1:], strict=True):
                 if self.dynamics.looped:
                     gaps = closure_motion(self.dynamics, *self._state(found, s)[:3])
-                    found = found.moved(*within.closing(gaps, s, self._straight))
+                    found = found.plus(*within.closing(gaps, s, self._straight))
                 left = self.dynamics.residual(*self._state(found, s), self.t[s]).r
                 rest = self._at_rest(found, s)
-                found = found.plus(self._bounded(within.go(one, s, left, rest), s))
+                found = found.plus(*self._bounded(within.go(one, s, left, rest), s))
                 history.put(s, found)
         return every
 
-    def _at_rest(self, found: Deviation, s: slice) -> Array | None:
+    def _at_rest(self, found: Response, s: slice) -> Array | None:
         """What a deviation leaves of the forces before the motion begins, shape (nv,).
 
         A motion from rest may begin with an acceleration, which the start knows nothing of.
@@ -370,7 +341,7 @@ class Probe:
     def _subspace(self, B: Array) -> Subspace:
         return Subspace(self.full.grid, self._parts, B, self.h, self._workspace)
 
-    def _bounded(self, found: Response, s: slice) -> Deviation:
+    def _bounded(self, found: Response, s: slice) -> Response:
         """What a march found in a window; raises a ConvergenceError where it has no bound."""
         with np.errstate(invalid="ignore"):
             far = ~(np.max(np.abs(found.d), axis=1, initial=0.0) <= _BOUND)
@@ -381,16 +352,16 @@ class Probe:
                 "without bound.",
                 time=float(self.t[k]),
             )
-        return Deviation(*found)
+        return found
 
-    def _state(self, found: Deviation, s: slice = slice(None)) -> tuple[Array, Array, Array, Array]:
+    def _state(self, found: Response, s: slice = slice(None)) -> tuple[Array, Array, Array, Array]:
         """y, v, a and multipliers in a window."""
         lam = self.base[s] + found.lam
         return self._poses(found, s), self.v0[s] + found.v, self.a0[s] + found.a, lam
 
     # Runs ----------------------------------------------------------------------------------
 
-    def _poses(self, found: Deviation, s: slice = slice(None)) -> Array:
+    def _poses(self, found: Response, s: slice = slice(None)) -> Array:
         """Shape (steps, nq)."""
         return self._manifold.retract(self._flat[s], found.d)
 
@@ -402,10 +373,9 @@ class Probe:
     def _flat(self) -> Array:
         return self.path.straight(self.system.n_eta)
 
-    def linear(self, found: Deviation) -> Run:
+    def linear(self, found: Response) -> Run:
         """The states and the linear torques of a deviation."""
-        states = Response(found.d, found.v, found.a, found.lam)
-        forces = forces_along(self.full.grid, self._of_motors, states)
+        forces = forces_along(self.full.grid, self._of_motors, found)
         return self._run(found, self._load[:, self.system.motors] + forces)
 
     @cached_property
@@ -429,7 +399,7 @@ class Probe:
         v, a, lam = self.v0[at], self.a0[at], self.base[at] + lam
         return Run(self.system, self.t[at], y, v, a, lam, torque, {})
 
-    def nonlinear(self, found: Deviation) -> Run:
+    def nonlinear(self, found: Response) -> Run:
         """The states and the torques of the full equations."""
         torque = self.dynamics.residual(*self._state(found), self.t).r[:, self.system.motors]
         return self._run(found, torque)
@@ -443,11 +413,11 @@ class Probe:
         """The undeformed motion and its torques."""
         return self._run(self._none(self.steps), self._load[:, self.system.motors])
 
-    def _none(self, steps: int) -> Deviation:
+    def _none(self, steps: int) -> Response:
         none = np.zeros((steps, self.system.nv))
-        return Deviation(none, none, none, np.zeros((steps, self.system.closed.n)))
+        return Response(none, none, none, np.zeros((steps, self.system.closed.n)))
 
-    def _run(self, found: Deviation, torque: Array) -> Run:
+    def _run(self, found: Response, torque: Array) -> Run:
         v, a = self.v0 + found.v, self.a0 + found.a
         lam = self.base + found.lam  # forces that hold loops closed load the sections of links
         return Run(self.system, self.t, self._poses(found), v, a, lam, torque, {})

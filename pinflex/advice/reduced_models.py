@@ -295,6 +295,11 @@ def overrides(mechanism: Mechanism, parts: Mapping[str, FlexiblePart]) -> tuple[
         size = _size(new)
         if size is not None and size != _size(old):
             wanted.setdefault(f".basis.{size[0]}", {})[link] = str(size[1])
+    return _written(mechanism, wanted)
+
+
+def _written(mechanism: Mechanism, wanted: Mapping[str, Mapping[str, str]]) -> tuple[str, ...]:
+    """Changes of the YAML: values of keys of links, by a glob where all links get the same."""
     said: list[str] = []
     for key, values in wanted.items():
         if key and len(values) == len(mechanism.parts) and len(set(values.values())) == 1:
@@ -316,21 +321,17 @@ def without(mechanism: Mechanism, rich: Mechanism, keys: tuple[str, ...]) -> lis
 
 
 def added(mechanism: Mechanism, terms: list[tuple[str, str]]) -> tuple[str, ...]:
-    """Changes of the YAML that give terms to links, by a glob where to all."""
-    changes: list[str] = []
-    for key in dict.fromkeys(key for _, key in terms):
-        links = [link for link, own in terms if own == key]
-        every = len(links) == len(mechanism.parts)
-        changes += [f"flexible.{link}.{key}=true" for link in (["*"] if every else links)]
-    return tuple(changes)
+    """Changes of the YAML that give terms to links."""
+    wanted: dict[str, dict[str, str]] = {}
+    for link, key in terms:
+        wanted.setdefault(f".{key}", {})[link] = "true"
+    return _written(mechanism, wanted)
 
 
 def segmented(mechanism: Mechanism) -> tuple[str, ...]:
     """Changes of the YAML that give every beam one more segment."""
-    counts = {p.link: p.spec.segments + 1 for p in beams(mechanism)}
-    if len(counts) == len(mechanism.parts) and len(set(counts.values())) == 1:
-        return (f"flexible.*.segments={next(iter(counts.values()))}",)
-    return tuple(f"flexible.{link}.segments={n}" for link, n in counts.items())
+    counts = {p.link: str(p.spec.segments + 1) for p in beams(mechanism)}
+    return _written(mechanism, {".segments": counts})
 
 
 def beams(mechanism: Mechanism) -> list[FlexiblePart]:

@@ -125,11 +125,6 @@ class Track:
         G[:, row, i, j] = G[:, row, j, i] = values[:, ~linear]
         return Sections(Phi, G)
 
-    def moved(self, x: float, eta: Array) -> Array:
-        """(u, v, w) of the section at x (m), and their derivatives by x, shape (2, 3)."""
-        Phi, G = self.at(x)
-        return np.asarray((Phi[:2, :3] + 0.5 * G[:2, :3] @ eta) @ eta)
-
 
 def track(body: FlexibleBody, rows: Sequence[int] = range(6), second_order: bool = True) -> Track:
     """The series of a beam (a solid has none)."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pinflex.actuation.feedback import Sampler, Signals
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.system import System
+    from pinflex.results.result import Result
 
 
 # Accelerations and multipliers that satisfy the equations in a state: where steps begin.
@@ -332,6 +333,16 @@ class Settings(TypedDict, total=False):
     parts: float
     share: dict[str, Any]
     interpolated: float
+
+
+def states_of(result: Result) -> tuple[Array, Array, Array]:
+    """y (nt, nq), v and a (nt, nv) of a result: of its joints, then of its links if any deform."""
+    y, v, a = (result.array(f"joint/{x}") for x in "qva")
+    if "eta" not in result.arrays:
+        return y, v, a
+    elastic = zip((y, v, a), ("eta", "eta_v", "eta_a"), strict=True)
+    y, v, a = (np.hstack([joints, result.array(own)]) for joints, own in elastic)
+    return y, v, a
 
 
 @frozen

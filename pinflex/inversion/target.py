@@ -296,7 +296,7 @@ class Instant:
     def _placed(self, y: Array) -> Array:
         """Jacobians of the imposed platform coordinates, shape (n, k, nv)."""
         d, joint = self.dynamics, self.platform.joint
-        parts = (d.kinematics(y[s], None, joint) for s in spans(len(y)))
+        parts = (d.kinematics(y[s], joint) for s in spans(len(y)))
         return np.concatenate([self.platform.at(part)[1] for part in parts])
 
 

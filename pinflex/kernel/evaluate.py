@@ -205,7 +205,7 @@ class Evaluator:
         self._call("closures", len(Y), *given, c, J)
         return Closure(c, J)
 
-    def sleeves(self, Y: Array) -> Array:
+    def sleeve_places(self, Y: Array) -> Array:
         """Where the sleeves are on their links at poses Y (n, nq), shape (n, sleeves), m."""
         out = np.empty((len(Y), self.tables.counts["sleeves"]))
         self._call("sleeves", len(Y), *self._given(y=Y), out)

@@ -14,6 +14,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.motions.motion import hold
 from pinflex.description.robots.tree_text import triple
+from pinflex.integrators.problem import states_of
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.results.result import Result
@@ -109,8 +110,7 @@ def momenta(mechanism: Mechanism, run: Result) -> Momenta:
     """Momenta of a whole mechanism, which no output of a run tells."""
     dynamics, rows = Equations(mechanism.flexible), []
     data = dynamics.data
-    y = np.hstack([run.array("joint/q"), run.array("eta")])
-    v = np.hstack([run.array("joint/v"), run.array("eta_v")])
+    y, v, _ = states_of(run)
     for here in (dynamics.at(*state, 0 * state[1]) for state in zip(y, v, strict=True)):
         h = pin.computeCentroidalMomentum(dynamics.model, data, here.Q[0], here.V[0])
         rows.append([data.com[0].copy(), h.linear, h.angular])

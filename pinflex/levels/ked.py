@@ -69,9 +69,18 @@ class Response(NamedTuple):
     a: Array
     lam: Array
 
-    def put(self, k: int, state: State) -> None:
-        """Write a step."""
-        self.d[k], self.v[k], self.a[k], self.lam[k] = state.d, state.v, state.a, state.lam
+    @classmethod
+    def empty(cls, steps: int, n: int, closures: int) -> Response:
+        """Room for one."""
+        return cls(*(np.empty((steps, width)) for width in (n, n, n, closures)))
+
+    def put(self, at: int | slice, part: State | Response) -> None:
+        """Write a step, or some."""
+        self.d[at], self.v[at], self.a[at], self.lam[at] = part.d, part.v, part.a, part.lam
+
+    def plus(self, d: Array, v: Array, a: Array, lam: Array | float = 0.0) -> Response:
+        """With more of the motion."""
+        return Response(self.d + d, self.v + v, self.a + a, self.lam + lam)
 
     def sampled(self, every: int) -> Response:
         """Every n-th step."""
@@ -257,7 +266,7 @@ class RunningMarch:
     def __init__(self, march: LinearMarch) -> None:
         self._march, count = march, len(march.grid.t)
         closures, n = march.parts[3].shape
-        self.response = Response(*(np.empty((count, k)) for k in (n, n, n, closures)))
+        self.response = Response.empty(count, n, closures)
         self._load, self._state = np.empty((count, n)), np.empty((4, n))
         self._start, self._compiled = np.zeros(n), march.compiled
         self._plain: Iterator[State] | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +26,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
+from pinflex.results.result import Result
 
 _SAMPLES = 51  # instants at which poses are compared: so many samples at least, if there are
 ROUND_OFF = 1e-10  # relative: no estimate is smaller, for the sums of thousands of steps are not
@@ -271,3 +272,111 @@ def between(a: Array, b: Array) -> Array:
     turn = np.matmul(a.transpose(0, 2, 1), b)
     skew = turn - turn.transpose(0, 2, 1)
     return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+
+
+# How far two results differ: also in what takes a pass over the samples, as forces and stresses do.
+
+_OF_LINKS: Any = {
+    "deflection": lambda link: link.deflection[:, :, :3],
+    "stress": lambda link: link.von_mises,
+    "section forces": lambda link: link.resultant,
+}
+_OF_PARTS = {"section forces": (slice(0, 3), slice(3, 6))}  # N, N m
+_OF_POSE = ("platform position", "platform rotation")
+OUTPUTS = ("torque", *_OF_LINKS, *_OF_POSE, "platform acceleration")
+_SECTION = 1e-6  # of the length: sections so near are one
+
+
+def output_differences(
+    a: Result,
+    b: Result,
+    free: bool = False,
+    of: Sequence[str] | None = None,
+    rigid: Result | None = None,
+) -> dict[str, float]:
+    """Largest differences of outputs of two results at the same instants, relative.
+
+    `free`: there is no rigid motion to deviate from. `of`: the outputs that are compared; None:
+    all, and where these are zero, speeds of joints. `rigid`: that motion, for platforms of which
+    results do not know where it has them: on flexible links.
+    """
+    keys, found = OUTPUTS if of is None else of, dict[str, float | None]()
+    if a.torque.shape[1] and "torque" in keys:
+        found["torque"] = _ratio([a.torque], [b.torque])
+    found |= _of_links(a, b, [key for key in _OF_LINKS if key in keys])
+    platform = b.meta.get("platform")
+    if platform and {*keys} & {*_OF_POSE}:
+        found |= _of_platform(a, b, None if free else _rigid_pose(b if rigid is None else rigid))
+    if platform and "platform acceleration" in keys:
+        x, y = (run.array(f"frame/{platform}/acceleration")[:, :3] for run in (a, b))
+        found["platform acceleration"] = _ratio([x], [y])
+    if of is None and not any(found.values()):
+        found["joint speeds"] = _ratio([a.array("joint/v")], [b.array("joint/v")])
+    return {key: e for key, e in found.items() if e is not None}
+
+
+def _of_links(a: Result, b: Result, keys: Sequence[str]) -> dict[str, float]:
+    """Of deflection, stress and section forces, at the sections that both have."""
+    found: dict[str, float] = {}
+    values: dict[str, tuple[list[Array], list[Array]]] = {key: ([], []) for key in keys}
+    for name in b.links:
+        theirs = b.link(name)
+        mine = a.link(name) if name in a.links else None
+        own, at = shared(theirs.x if mine is None else mine.x, theirs.x)
+        for key, pair in values.items():
+            pick = _OF_LINKS[key]
+            y = pick(theirs)[:, at]
+            pair[0].append(0.0 * y if mine is None else pick(mine)[:, own])
+            pair[1].append(y)
+    for key, (x, y) in values.items():
+        for part in _OF_PARTS.get(key, (slice(None),)):
+            cut = (..., part) if key in _OF_PARTS else ...
+            e = _ratio([v[cut] for v in x], [v[cut] for v in y])
+            if e is not None:
+                found[key] = max(found.get(key, 0.0), e)
+    return found
+
+
+def _rigid_pose(run: Result) -> tuple[Array, Array] | None:
+    """`pose_of` the rigid mechanism; None: the run does not know it."""
+    if run.level == "rigid":
+        return pose_of(run)
+    if (name := run.meta["platform"]) not in run.meta["bodies"]:
+        return None
+    pose = run.array(f"body/{name}/pose_rigid")
+    return pose[:, :, 3], pose[:, :, :3]
+
+
+def _of_platform(a: Result, b: Result, rigid: tuple[Array, Array] | None) -> dict[str, float]:
+    """Of the platform's pose, relative to its largest deviation from rigid, or from its first."""
+    (p, R), (p_b, R_b) = pose_of(a), pose_of(b)
+    p_r, R_r = (p_b[:1], R_b[:1]) if rigid is None else rigid
+    pairs = {
+        "platform position": (np.abs(p - p_b).max(), np.abs(p_b - p_r).max()),
+        "platform rotation": (
+            np.abs(between(R, R_b)).max(),
+            np.abs(between(np.broadcast_to(R_r, R_b.shape), R_b)).max(),
+        ),
+    }
+    return {key: float(e / s) for key, (e, s) in pairs.items() if s > STILL}
+
+
+def pose_of(run: Result) -> tuple[Array, Array]:
+    """Positions (n, 3) [m] and rotations (n, 3, 3) of the platform in a run."""
+    name = run.meta["platform"]
+    return run.array(f"frame/{name}/position"), run.array(f"frame/{name}/rotation")
+
+
+def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
+    """Numbers of the sections that are among others, and which of those they are."""
+    near = np.argmin(np.abs(at[:, None] - x), axis=0)
+    same = np.flatnonzero(np.abs(at[near] - x) < _SECTION * at[-1])
+    return same.tolist(), near[same].tolist()
+
+
+def _ratio(a: list[Array], b: list[Array]) -> float | None:
+    """Largest difference over the largest value of the second; None: that is zero."""
+    scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b), default=0.0)
+    scale = scale if scale > REST else 0.0  # round-off
+    apart = (float(np.max(np.abs(x - y), initial=0.0)) for x, y in zip(a, b, strict=True))
+    return max(apart, default=0.0) / scale if scale > 0.0 else None

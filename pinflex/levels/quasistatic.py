@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.drive import nominal
+from pinflex.actuation.drive import Nominal, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Run
+from pinflex.levels.linearised import LinearPath
 from pinflex.linalg import condensed, negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.evaluation.equations import Equations
@@ -298,23 +299,16 @@ def linear_statics(
         q: Rigid pose, shape (nq,), default home.
         loaded: With the stiffness that weight and loads bring there, as level ked has it.
     """
-    dynamics, system = Equations(mechanism.flexible), mechanism.flexible
-    y0, still, free = mechanism.undeformed(q), np.zeros(system.nv), system.free
-    r0, _ = dynamics.residual(y0, still, still, np.zeros(system.closed.n), 0.0)
-    J, K = dynamics.close(y0).J, dynamics.structural_stiffness(y0)
-    base = np.zeros(len(J))
-    if loaded:
-        passive = mechanism.rigid.free
-        base = np.linalg.pinv(J[:, passive].T, rcond=1e-10) @ r0[passive]
-        K = dynamics.tangent(y0, still, still, base, 0.0).K
-    r0 = r0 - J.T @ base
-    n, rows = len(free), len(J)
-    S = saddle_matrix(K[np.ix_(free, free)], J[:, free])
-    x = np.linalg.solve(S, np.concatenate([-r0[free], np.zeros(rows)]))
-    dy = np.zeros(system.nv)
-    dy[free] = x[:n]
-    r = r0 + K @ dy - J.T @ x[n:]
-    return Equilibrium(dynamics.integrate(y0, dy), still, still, base + x[n:], r, 1)
+    system, y = mechanism.flexible, mechanism.undeformed(q)
+    nq, nv = int(system.rigid.nq), int(system.rigid.nv)
+    here = Nominal(np.zeros(1), y[None, :nq], *np.zeros((2, 1, nv)))
+    at = LinearPath(mechanism, here, structural=not loaded).at(0)
+    now, n, rows = at.free, len(system.free), len(at.base)
+    x = np.linalg.solve(saddle_matrix(now.K, now.J), np.concatenate([-now.r, np.zeros(rows)]))
+    still, dy, r = np.zeros((3, system.nv))
+    dy[system.free], none = x[:n], np.zeros(n)
+    r[system.motors] = at.motor_forces(x[:n], none, none, x[n:])
+    return Equilibrium(system.integrate(y, dy), still, still, at.base + x[n:], r, 1)
 
 
 def solve_quasistatic(

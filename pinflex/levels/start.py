@@ -16,7 +16,7 @@ from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
 from pinflex.description.solve import Speeds
 from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, Ending, nearest
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.problem import Run, Settings, states_of
 from pinflex.levels.linearised import LinearPath
 from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, null_space, saddle_matrix
@@ -65,11 +65,7 @@ def state_of_run(mechanism: Mechanism, result: Result, time: float) -> Moving:
             f"{mechanism.name}: a run of level {result.level}, in which no link "
             "deforms. Give one of level quasistatic, ked or coupled, or a time of the motion."
         )
-    parts = [("joint/q", "eta"), ("joint/v", "eta_v"), ("joint/a", "eta_a")]
-    y, v, a = (
-        np.concatenate([arrays[joint][k], arrays[own][k]]) if system.n_eta else arrays[joint][k]
-        for joint, own in parts
-    )
+    y, v, a = (x[k] for x in states_of(result))
     lam = arrays["multiplier"][k]
     if (len(y), len(v), len(lam)) != (system.nq, system.nv, system.closed.n):
         raise DescriptionError(

@@ -12,8 +12,8 @@ from pinflex.arrays import Array
 from pinflex.description.reading.schema import shown
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.evaluation.compiled import Compiled
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.kinematics import motion_of
 from pinflex.text import frozen
 
 

@@ -25,10 +25,10 @@ from pinflex.live.sensors import FrameNow, LinkNow, Log, Motors, Sensor, Snapsho
 from pinflex.mechanics.closing import limits_of
 from pinflex.mechanics.evaluation.compiled import evaluated_by
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.loads import require_staying
 from pinflex.mechanics.model.tree import model_of
-from pinflex.recovery.kinematics import motion_of
 from pinflex.recovery.recover import result_of
 from pinflex.results.result import Result
 from pinflex.solver.scene import Scene

@@ -11,7 +11,7 @@ Source: Hunt and Crossley (1975), J. Appl. Mech. 42, for c_h.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pinflex.mechanics.evaluation.equations import Equations
     from pinflex.mechanics.model.loads import Expansion
     from pinflex.mechanics.model.system import System
+    from pinflex.mechanics.reference.evaluator import Reference
 
 
 FROM = -1e300  # where first pieces begin
@@ -408,26 +409,51 @@ def _axis(R: Array, k: int) -> tuple[float, float, float]:
     return x, y, z
 
 
+# By joint: poses (n, 3, 4) in the world, and twists (n, 6) in the joint's own axes.
+Places = Mapping[int, tuple[Array, Array]]
+
+
+def places_of(equations: Equations | Reference, Y: Array, V: Array, A: Array) -> Places:
+    """Of all joints that loads, springs and contacts of a system act on."""
+    joints = sorted(equations.system.loads.joints - {0})
+    poses, rates = equations.motions(Y, V, A, joints)
+    still = np.tile(np.eye(4)[:3], (len(Y), 1, 1)), np.zeros((len(Y), 6))
+    return {0: still} | dict(zip(joints, zip(poses, rates[:, :, 0], strict=True), strict=True))
+
+
+def moving(end: Attachment, places: Places) -> tuple[Array, Array, Array]:
+    """Place, speed and spin of an end in the world, (n, 3) each."""
+    pose, twist = places[end.joint]
+    R, local = pose[:, :, :3], end.placement.translation
+    own = twist[:, :3] + np.cross(twist[:, 3:], local)
+    speed, spin = ((R @ x[:, :, None])[:, :, 0] for x in (own, twist[:, 3:]))
+    return pose[:, :, 3] + R @ local, speed, spin
+
+
+def relative_motion(one: Touch, places: Places) -> tuple[Array, Array, Array]:
+    """Axes of A (n, 3, 3), the motion of B as A sees it (n, 9), and the place of b (n, 3)."""
+    (p_a, v_a, spin_a), (p_b, v_b, spin_b) = (moving(end, places) for end in (one.a, one.b))
+    R, d = places[one.a.joint][0][:, :, :3], p_b - p_a
+    way = v_b - v_a - np.cross(spin_a, d)
+    motion = [(x[:, None] @ R)[:, 0] for x in (d, way, spin_b - spin_a)]
+    return R, np.concatenate(motion, axis=1), p_b
+
+
 def pins(equations: Equations, Y: Array, V: Array, A: Array) -> dict[str, tuple[Array, Array]]:
     """Where pins are in their holes, in axes of frame a, and the wrench on them in the world.
 
     Shapes (n, 3) and (n, 6), m, N and N m, about the origin of frame b; without what impacts damp.
     """
     system, found = equations.system, dict[str, tuple[Array, Array]]()
-    touches, closed = system.loads.touches, system.closed
+    touches, closed, n = system.loads.touches, system.closed, len(Y)
     if not touches:
         return found
-    joints = sorted({end.joint for one in touches for end in (one.a, one.b)} - {0})
-    poses, rates = equations.motions(Y, V, A, joints)
-    places = dict(zip(joints, zip(poses, rates[:, :, 0], strict=True), strict=True))
-    n = len(Y)
-    places[0] = np.tile(np.eye(4)[:3], (n, 1, 1)), np.zeros((n, 6))
-    frames = closed.frames(equations.joint_poses(Y))
+    places, frames = places_of(equations, Y, V, A), closed.frames(equations.joint_poses(Y))
     for one in touches:
         loop = closed.names.index(one.name)
         frame_a, frame_b = frames[:, loop], frames[:, len(closed.names) + loop]
-        R, seen, corner = _seen(one, places)
-        acts = one.force(seen, system.kinks)
+        R, motion, corner = relative_motion(one, places)
+        acts = one.force(motion, system.kinks)
         F, M = ((R @ x[:, :, None])[:, :, 0] for x in (acts.force, acts.moment))
         wrench = np.concatenate([F, M + np.cross(corner - frame_b[:, :, 3], F)], axis=1)
         way = frame_b[:, :, 3] - frame_a[:, :, 3]
@@ -435,19 +461,3 @@ def pins(equations: Equations, Y: Array, V: Array, A: Array) -> dict[str, tuple[
         before = found.get(one.name, (place, np.zeros((n, 6))))[1]
         found[one.name] = place, before + wrench
     return found
-
-
-def _seen(one: Touch, places: dict[int, tuple[Array, Array]]) -> tuple[Array, Array, Array]:
-    """Axes of A (n, 3, 3), the motion of B as A sees it (n, 9), and the place of b (n, 3)."""
-    point, speed, spin = [], [], []
-    for end in (one.a, one.b):
-        pose, twist = places[end.joint]
-        R, local = pose[:, :, :3], end.placement.translation
-        point.append(pose[:, :, 3] + R @ local)
-        own = twist[:, :3] + np.cross(twist[:, 3:], local)
-        speed.append((R @ own[:, :, None])[:, :, 0])
-        spin.append((R @ twist[:, 3:, None])[:, :, 0])
-    R, d = places[one.a.joint][0][:, :, :3], point[1] - point[0]
-    way = speed[1] - speed[0] - np.cross(spin[0], d)
-    seen = [(x[:, None] @ R)[:, 0] for x in (d, way, spin[1] - spin[0])]
-    return R, np.concatenate(seen, axis=1), point[1]

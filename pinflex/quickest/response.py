@@ -25,7 +25,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError
 from pinflex.integrators.collocation import generalized_alpha
-from pinflex.integrators.problem import Run
+from pinflex.integrators.problem import Run, states_of
 from pinflex.kernel.evaluate import Tangent
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
@@ -353,11 +353,8 @@ def worst_stress(mechanism: Mechanism, run: Run) -> dict[str, Array]:
 
 def platform_of(mechanism: Mechanism, run: Result) -> Array:
     """Places of the platform [m], (nt, 3), without what accelerations at samples take."""
-    y = run.array("joint/q")
-    if mechanism.flexible.n_eta:
-        y = np.hstack([y, run.array("eta")])
     frame = mechanism.frame(str(mechanism.description.platform))
-    return frame_poses(Equations(mechanism.flexible), y, frame)[1]
+    return frame_poses(Equations(mechanism.flexible), states_of(run)[0], frame)[1]
 
 
 # How long a platform shakes after a motion, by a coupled run.

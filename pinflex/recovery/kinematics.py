@@ -8,16 +8,16 @@ from itertools import pairwise
 from typing import NamedTuple, cast
 
 import numpy as np
-import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal
 from pinflex.arrays import Array
 from pinflex.description.blocks.external import FrameForce
 from pinflex.errors import DescriptionError
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.problem import Run, Settings, states_of
 from pinflex.kernel.evaluate import JointForces
 from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.kinks import pins
 from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
@@ -225,20 +225,6 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
     return Kinematics(poses, arrays, spins)
 
 
-def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
-    """Of a frame: position, rotation, velocity and classical acceleration in the world."""
-    turn, p = poses[:, :, :3], np.asarray(placement.translation)
-    (v, w), (a, spin) = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in rates.swapaxes(0, 1))
-    speed = v + cross(w, p)
-    linear = a + cross(spin, p) + cross(w, speed)
-
-    def world(*vectors: Array) -> Array:
-        return np.concatenate([(turn @ x[..., None])[..., 0] for x in vectors], axis=1)
-
-    position = turn @ p + poses[:, :, 3]
-    return position, turn @ placement.rotation, world(speed, w), world(linear, spin)
-
-
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:
     """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each."""
     dynamics = Equations(mechanism.rigid, marched=True)  # as above
@@ -375,15 +361,8 @@ class Samples:
 
 def run_of(mechanism: Mechanism, result: Result) -> Run:
     """The states of a result as a run of the mechanism that it came from."""
-    flexible = "eta" in result.arrays
-    system = mechanism.flexible if flexible else mechanism.rigid
-    parts = [("q", "eta"), ("v", "eta_v"), ("a", "eta_a")]
-    y, v, a = (
-        np.hstack([result.array(f"joint/{x}"), result.array(e)]) if flexible
-        else result.array(f"joint/{x}")
-        for x, e in parts
-    )  # fmt: skip
-    lam = result.array("multiplier")
+    system = mechanism.flexible if "eta" in result.arrays else mechanism.rigid
+    (y, v, a), lam = states_of(result), result.array("multiplier")
     sizes = (y.shape[1], v.shape[1], lam.shape[1])
     wanted = (system.nq, system.nv, system.closed.n)
     if sizes != wanted or result.meta["name"] != mechanism.name:

@@ -169,11 +169,15 @@ def forces(samples: Samples) -> dict[str, Array]:
     out = dict[str, Array]()
     for name, resultant in resultants(samples, out).items():
         key, part = f"link/{name}", samples.mechanism.parts[name]
-        out[f"{key}/x"] = _stations(_slots(samples, name))
         out[f"{key}/resultant"] = resultant
         for kind, value in stresses(part.spec.section, resultant).items():
             out[f"{key}/stress/{kind}"] = value
     return out
+
+
+def sections(samples: Samples) -> dict[str, Array]:
+    """Where the sections of links are along their spans, by key of a Result [m]."""
+    return {f"link/{n}/x": _stations(_slots(samples, n)) for n in samples.mechanism.parts}
 
 
 def lines(samples: Samples) -> dict[str, Array]:

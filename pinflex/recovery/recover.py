@@ -13,11 +13,12 @@ from pinflex.actuation.drive import Nominal
 from pinflex.arrays import Array, spans
 from pinflex.integrators.problem import Run
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
-from pinflex.recovery.kinematics import Samples, joint_poses, motion_of, pose_of, run_of, samples_of
-from pinflex.recovery.links import forces, lines
+from pinflex.recovery.kinematics import Samples, joint_poses, pose_of, run_of, samples_of
+from pinflex.recovery.links import forces, lines, sections
 from pinflex.recovery.meta import ASSESSED, assess, describe, drives
 from pinflex.results.lazy import Late, plain_meta
 from pinflex.results.quantities import KEYS, Key
@@ -189,7 +190,7 @@ def recover(mechanism: Mechanism, run: Run, rigid_path: Nominal | None) -> dict[
     return dict(_arrays(Samples(mechanism, run, lambda: rigid_path), run))
 
 
-_OF_FORCES = ("link/*/x", "link/*/resultant", "link/*/stress/*", "link/*/mesh/*")
+_OF_FORCES = ("link/*/resultant", "link/*/stress/*", "link/*/mesh/*")
 
 
 def _arrays(samples: Samples, run: Run) -> Late[Array]:
@@ -205,6 +206,7 @@ def _arrays(samples: Samples, run: Run) -> Late[Array]:
             ("frame", "energy"): group(_motion),
             ("body",): group(_body_poses),
             ("loop", "reaction", "residual"): group(lambda s: s.forces.arrays),
+            ("link/*/x",): group(lambda s: sections(s) if s.run.system.n_eta else {}),
             _OF_FORCES: group(lambda s: forces(s) if s.run.system.n_eta else {}),
             ("link",): group(lambda s: lines(s) if s.run.system.n_eta else {}),
             ("drive",): group(lambda s: drives(s.mechanism, s.run)),

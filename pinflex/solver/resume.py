@@ -10,7 +10,7 @@ import numpy as np
 from pinflex.arrays import Array
 from pinflex.errors import DescriptionError
 from pinflex.integrators.plain.alpha import Step
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.problem import Run, Settings, states_of
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.results.result import Result
@@ -33,14 +33,10 @@ def stored(mechanism: Mechanism, result: Result) -> Run:
             "coupled with a step (dt) carry a state to go on from: solve again."
         )
 
-    def joined(joints: str, elastic: str) -> Array:
-        return np.hstack([a[joints], a.get(elastic, np.zeros((len(result.t), 0)))])
-
     s, settings = result.meta.get("resume"), result.meta["settings"]
     settings = {**settings, "dt": float(settings["dt"])}
     run = Run(
-        system, result.t, joined("joint/q", "eta"), joined("joint/v", "eta_v"),
-        joined("joint/a", "eta_a"), a["multiplier"], a["torque"],
+        system, result.t, *states_of(result), a["multiplier"], a["torque"],
         {k: float(n) for k, n in result.meta["cost"].items() if "seconds" not in k},
         cast("Settings", settings),
         np.column_stack([a["energy/work"], a["energy/dissipated"]]),

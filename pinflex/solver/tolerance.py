@@ -26,14 +26,12 @@ from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.modes import default_step, modes
-from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.levels.outputs import ROUND_OFF, Outputs, output_differences
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.kinematics import Samples
-from pinflex.recovery.links import resultants, stresses
+from pinflex.recovery.recover import result_of
 from pinflex.results.views import statistics
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from pinflex.solver.scene import Progress, Scene
@@ -95,7 +93,7 @@ def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
 # those that differ most, and only where strain differs enough, or somebody asks.
 
 _SAMPLES = 51  # the worst of so many pieces
-_PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
+_FORCES = ("stress", "section forces", "platform acceleration")
 
 Told = Callable[[], Mapping[str, float]]
 
@@ -106,43 +104,14 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
     @cache
     def told() -> dict[str, float]:
         some = _worst_of_run(coarse, fine)
-        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
-        with one_blas_thread():
-            found = _differences(a, b)
+        a, b = (
+            result_of(mechanism, run.at(some), lambda: None, "coupled", {}, "")
+            for run in (coarse, fine)
+        )
+        found = output_differences(a, b, of=_FORCES)
         return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
 
     return told
-
-
-def _differences(a: Samples, b: Samples) -> dict[str, float]:
-    """Largest differences of stress, section forces and the platform's acceleration, relative.
-
-    Forces and moments of a section have scales of their own.
-    """
-    mine, theirs = (_quantities(x) for x in (a, b))
-    found: dict[str, float] = {}
-    for (key, x), (_, y) in zip(mine, theirs, strict=True):
-        scale = float(np.max(np.abs(y), initial=0.0))
-        if scale > 0.0:
-            apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
-            found[key] = max(found.get(key, 0.0), apart)
-    return found
-
-
-def _quantities(samples: Samples) -> list[tuple[str, Array]]:
-    """What is compared, with the output that it belongs to."""
-    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
-    if samples.run.system.expansion.slots:  # a rigid run has none
-        forces = resultants(samples)
-        cut = np.concatenate([*forces.values()], axis=1)
-        sections = {name: mechanism.parts[name].spec.section for name in forces}
-        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
-        found = [("stress", np.concatenate(every, axis=1))]
-        found += [("section forces", cut[:, :, s]) for s in _PARTS]
-    if platform := mechanism.description.platform:
-        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
-        found.append(("platform acceleration", moved))
-    return found
 
 
 def _worst_of_run(coarse: Run, fine: Run) -> IntArray:

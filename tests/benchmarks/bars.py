@@ -28,8 +28,9 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pinflex as pf
-from pinflex.advice.error_bars import free, output_differences
+from pinflex.advice.error_bars import free
 from pinflex.errors import PinflexError
+from pinflex.levels.outputs import output_differences
 from pinflex.results.error_bars import NONE
 from tests.scenes import Body, load
 

@@ -50,7 +50,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
-from pinflex.advice.error_bars import output_differences
+from pinflex.levels.outputs import output_differences
 from pinflex.results.error_bars import NOT_MEASURED
 from tests import scenes
 from tests.scenes import Body

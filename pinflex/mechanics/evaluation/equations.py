@@ -39,9 +39,10 @@ T = TypeVar("T")
 
 # Rigid motions kept with their mechanism: whatever runs, compares or draws asks for the same.
 
-# Keys of a description that say nothing of how rigid joints move: home is compared.
+# Keys of a description that say nothing of how rigid joints move: home is compared. (Gravity is in
+# the accelerations of the compiled nodes: that of rows is a difference, to round-off the same.)
 _APART = (
-    *("yaml_text", "gravity", "share", "forces", "control", "springs", "added_masses", "flexible"),
+    *("yaml_text", "share", "forces", "control", "springs", "added_masses", "flexible"),
     *("system_damping", "solve", "limit", "allow"),
 )
 
@@ -214,6 +215,10 @@ class Equations:
         return Compiled(self.system) if serves(self.system, True) else None
 
     @property
+    def _serving(self) -> Compiled | Reference:
+        return self.reference if self.compiled is None else self.compiled
+
+    @property
     def on_kernel(self) -> bool:
         """Whether the compiled equations serve."""
         return serves(self.system, self._marched)
@@ -242,23 +247,16 @@ class Equations:
         of = self.reference
         return _in_turn(lambda Y: (of.placing.poses(of.map.at(Y).Q),), np.atleast_2d(y))[0]
 
-    def kinematics(self, y: Array, v: Array | None = None, joint: int | None = None) -> Kinematics:
-        """Joints at y (nq,) or (n, nq); with v, the rates of the Jacobians too."""
-        V = None if v is None else np.atleast_2d(v)
-        return self.reference.kinematics(np.atleast_2d(y), V, joint)
+    def kinematics(self, y: Array, joint: int | None = None) -> Kinematics:
+        """Joints, or one of them, at y (nq,) or (n, nq)."""
+        return self.reference.kinematics(np.atleast_2d(y), joint)
 
     def motions(self, y: Array, v: Array, a: Array, joints: Sequence[int]) -> tuple[Array, Array]:
         """Poses of k joints (k, n, 3, 4) in the world, and their spatial motion (k, n, 2, 6).
 
         Velocity and acceleration are in the frames of the joints.
         """
-        if self.compiled is not None:
-            return self.compiled.motions(y, v, a, joints)
-
-        def some(Y: Array, V: Array, A: Array) -> tuple[Array, Array]:
-            return self.reference.motions(Y, V, A, joints)
-
-        poses, rates = _in_turn(some, y, v, a, axis=1)
+        poses, rates = _in_turn(partial(self._serving.motions, joints=joints), y, v, a, axis=1)
         return poses, rates
 
     # Closures --------------------------------------------------------------------------------
@@ -285,9 +283,7 @@ class Equations:
         """Where the sleeves are on their links (m) at poses Y (n, nq), shape (n, sleeves)."""
         if not self.system.closed.contacts:
             return np.empty((len(Y), 0))
-        if self.compiled is not None:
-            return self.compiled.sleeves(Y)
-        return self.reference.sleeve_places(Y)
+        return self._serving.sleeve_places(Y)
 
     def first_off(self, Y: Array) -> int | None:
         """The first of poses Y (n, nq) at which a sleeve has left its beam; None: at none."""
@@ -344,14 +340,10 @@ class Equations:
         control_force: Array | None = None,
     ) -> JointForces:
         """Forces of joints, loops and sleeves at n states."""
-
-        def some(Y: Array, V: Array, A: Array, given: Array, t: Array) -> JointForces:
-            return self.reference.joint_forces(Y, V, A, given, t, joints)
-
-        if self.compiled is not None and self.compiled.has(joints):
-            found = self.compiled.joint_forces(y, v, a, lam, t, joints)
-        else:
-            found = JointForces(*_in_turn(some, y, v, a, lam, t))
+        of = self._serving
+        if isinstance(of, Compiled) and not of.has(joints):
+            of = self.reference
+        found = JointForces(*_in_turn(partial(of.joint_forces, joints=joints), y, v, a, lam, t))
         return found if control_force is None else found._replace(r=found.r - control_force)
 
     # Matrices, at one state ------------------------------------------------------------------
@@ -406,8 +398,7 @@ class Equations:
     def energies(self, y: Array, v: Array, t: float | Array) -> Energies:
         """Kinetic energy, and potentials of weight, links, and of springs and loads, J."""
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
-        of = self.reference if self.compiled is None else self.compiled
-        found = _in_turn(of.energies, Y, V, np.broadcast_to(t, len(Y)))
+        found = _in_turn(self._serving.energies, Y, V, np.broadcast_to(t, len(Y)))
         return Energies(*(x[0] if y.ndim == 1 else x for x in found))
 
     def losses(self, y: Array, v: Array) -> Array:
@@ -416,12 +407,12 @@ class Equations:
             spring.damper for spring, _, _ in self.system.loads.springs
         ):
             return self.system.dissipation(v)
-        if self.compiled is not None:
-            return self.compiled.losses(y, v)
-        return self.reference.losses(y, v)
+        return self._serving.losses(y, v)
 
 
 def _in_turn(f: Callable[..., Iterable[Array]], *states: Array, axis: int = 0) -> list[Array]:
     """Answers to n states, some at a time: a long motion shall not fill the memory."""
     parts = [f(*(x[s] for x in states)) for s in spans(len(states[0]))] or [f(*states)]
+    if len(parts) == 1:
+        return [*parts[0]]
     return [np.concatenate(part, axis) for part in zip(*parts, strict=True)]

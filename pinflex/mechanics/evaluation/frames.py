@@ -12,7 +12,7 @@ import pinocchio as pin
 from pinflex.description.motions.laws import PLATFORM_COORDINATES
 from pinflex.errors import DescriptionError, nearest
 from pinflex.mechanics.manifold import Manifold, skew, support
-from pinflex.rotations import euler_rates, zyx_angles
+from pinflex.rotations import cross, euler_rates, zyx_angles
 
 if TYPE_CHECKING:
     from pinflex.arrays import Array, IntArray
@@ -44,27 +44,19 @@ class Frame:
         own[:, :3] -= skew(p) @ own[:, 3:]
         return at.here.times_map(own)
 
-    def rates(self, at: Kinematics) -> tuple[Array, Array, Array]:
-        """Speed of the origin, angular velocity, and what both change by with a = 0, (n, 6).
 
-        Returns:
-            v (n, 3), w (n, 3), and accelerations (n, 6), world axes.
-        """
-        _, p = self.pose(at.poses)
-        V, A = ((x * self._support)[:, :, None] for x in (at.here.V, at.here.A))
-        (v, w), (a, spin) = (
-            x.reshape(-1, 2, 3).swapaxes(0, 1) for x in (at.J @ V, at.dJ @ V + at.J @ A)
-        )
-        speed = v + _cross(w, p)
-        linear = a + _cross(spin, p) + _cross(w, speed)
-        return speed, w, np.concatenate([linear, spin], axis=1)
+def motion_of(poses: Array, rates: Array, placement: pin.SE3) -> tuple[Array, Array, Array, Array]:
+    """Of a frame: position, rotation, velocity and classical acceleration in the world."""
+    turn, p = poses[:, :, :3], np.asarray(placement.translation)
+    (v, w), (a, spin) = (x.reshape(-1, 2, 3).swapaxes(0, 1) for x in rates.swapaxes(0, 1))
+    speed = v + cross(w, p)
+    linear = a + cross(spin, p) + cross(w, speed)
 
+    def world(*vectors: Array) -> Array:
+        return np.concatenate([(turn @ x[..., None])[..., 0] for x in vectors], axis=1)
 
-def _cross(a: Array, b: Array) -> Array:
-    """Products of vectors (n, 3); numpy's takes six times as long for a few of them."""
-    on, back = [1, 2, 0], [2, 0, 1]
-    found: Array = a[:, on] * b[:, back] - a[:, back] * b[:, on]
-    return found
+    position = turn @ p + poses[:, :, 3]
+    return position, turn @ placement.rotation, world(speed, w), world(linear, spin)
 
 
 def frame_poses(system: Equations, y: Array, place: Attachment) -> tuple[Array, Array]:
@@ -118,10 +110,6 @@ class PlatformCoordinates:
         self._frame = Frame(system.model, place)
         self._columns = [PLATFORM_COORDINATES.index(name) for name in names]
 
-    def values(self, poses: Array) -> Array:
-        """Values from joint poses (n, joints, 12), shape (n, k)."""
-        return self._every(poses)[:, self._columns]
-
     def of(self, system: Equations, y: Array) -> Array:
         """Values at y (n, nq), shape (n, k): of the compiled equations where they serve."""
         ((R, p),) = poses_of_frames(system, y, [self._place])
@@ -139,16 +127,17 @@ class PlatformCoordinates:
             J[:, 3:] = np.linalg.solve(euler_rates(every[:, 3:]), J[:, 3:])
         return every[:, self._columns], J[:, self._columns]
 
-    def bias(self, at: Kinematics) -> Array:
-        """Second rates of the coordinates where accelerations are zero, shape (n, k)."""
-        _, w, swept = self._frame.rates(at)
+    def bias(self, system: Equations, Y: Array, V: Array) -> Array:
+        """Second rates of the coordinates at Y and V with accelerations of zero, shape (n, k)."""
+        (poses,), (rates,) = system.motions(Y, V, 0.0 * V, [self.joint])
+        _, turn, speed, swept = motion_of(poses, rates, self._place.placement)
         if not self.turning.any():
             return swept[:, self._columns]
-        B = euler_rates(self._every(at.poses)[:, 3:])
-        rates = np.linalg.solve(B, w[:, :, None])[:, :, 0]
+        B = euler_rates(zyx_angles(turn))
+        rates = np.linalg.solve(B, speed[:, 3:, None])[:, :, 0]
         z, y, x = (B[:, :, k] for k in range(3))
-        turned = rates[:, :1] * rates[:, 1:2] * _cross(z, y)
-        turned += rates[:, 2:] * _cross(rates[:, :1] * z + rates[:, 1:2] * y, x)
+        turned = rates[:, :1] * rates[:, 1:2] * cross(z, y)
+        turned += rates[:, 2:] * cross(rates[:, :1] * z + rates[:, 1:2] * y, x)
         swept[:, 3:] = np.linalg.solve(B, (swept[:, 3:] - turned)[:, :, None])[:, :, 0]
         return swept[:, self._columns]
 

@@ -138,7 +138,7 @@ def node_of_joints(system: System) -> IntArray:
 
 def sorted_joints(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
-    used = system.closed.joints | set(_loaded(system.loads))
+    used = system.closed.joints | system.loads.joints
     used |= {int(joint) for joint in system.added.joints} | set(system.looked_at)
     return _sorted(system.expansion.model, used)
 
@@ -219,14 +219,6 @@ def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
     if system.kinks.rows or loads.springs:
         found |= system.kinks.tables(len(loads.springs))
     return found
-
-
-def _loaded(loads: Loads) -> list[int]:
-    """Joints that carry a load or the end of a spring."""
-    ends = [place for _, place in loads.forces]
-    ends += [end for _, a, b in loads.springs for end in (a, b)]
-    ends += [end for one in loads.touches for end in (one.a, one.b)]
-    return [int(end.joint) for end in ends]
 
 
 def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:

@@ -271,6 +271,14 @@ class Loads:
         return bool(self.forces or self.springs or self.touches)
 
     @property
+    def joints(self) -> set[int]:
+        """Joints that they act on."""
+        ends = [place for _, place in self.forces]
+        ends += [end for _, a, b in self.springs for end in (a, b)]
+        ends += [end for one in self.touches for end in (one.a, one.b)]
+        return {int(end.joint) for end in ends}
+
+    @property
     def timed(self) -> bool:
         """Whether a load starts, ends or ramps in time."""
         return any(f.timed for f, _ in self.forces)

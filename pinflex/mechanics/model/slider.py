@@ -21,7 +21,7 @@ The contact is where frame b projects on the beam's x axis; the axial shift -1/2
 point changes v(X) in the third order, beyond what the shapes keep (`pinflex.bodies.basis`).
 
 A link cut into segments has a beam frame in each: the rows are those of the segment that the sleeve
-is on, along the curve of its sections as they are in space (`pinflex.mechanics.passing`).
+is on, along the curve of its sections as they are in space (`pinflex.mechanics.reference.sleeves`).
 
 Source: Sharifnia, Akbarzadeh (2016), eq. 14-15, 25-28, for hold, right and left; forces act through
 the transposed Jacobian.
@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 
 import pinocchio as pin
 
-from pinflex.bodies.track import Sections, Track, track
+from pinflex.bodies.track import Track, track
 from pinflex.errors import DescriptionError
 from pinflex.mechanics.manifold import ACROSS
 from pinflex.text import frozen
@@ -64,7 +64,7 @@ class Segment:
 
     Attributes:
         offset: Where on the link it begins (m). length: Of it (m).
-        track: How its sections move. end: Its last one.
+        track: How its sections move.
         eta: Place of its coordinates among the elastic ones.
         root: Its beam frame.
     """
@@ -72,7 +72,6 @@ class Segment:
     offset: float
     length: float
     track: Track
-    end: Sections
     eta: slice
     root: Attachment
 
@@ -127,9 +126,8 @@ def _segments(slots: Sequence[Slot]) -> tuple[Segment, ...]:
     """The pieces of a link, root to tip; equal ones share their series."""
     tracks = {id(slot.body): slot.body for slot in slots}
     made = {key: track(body) for key, body in tracks.items()}
-    ends = {key: one.at(one.length) for key, one in made.items()}
     return tuple(
-        Segment(slot.offset, slot.body.length, made[key], ends[key], slot.eta, slot.root)
+        Segment(slot.offset, slot.body.length, made[key], slot.eta, slot.root)
         for slot, key in ((slot, id(slot.body)) for slot in slots)
     )
 

@@ -1,67 +1,74 @@
-"""Closure rows c(y), written once, on frames that carry their derivatives with them.
+"""Closure rows c(y), written once, on complex frames; and the loads at given states.
 
-The same rows answer what is asked by what the frames move with: with unit velocities, c and
-J = dc/dy; with time, c, J v and cdd at a = 0; with unit twists of B alone, what a multiplier is as
-a wrench on B. The rows are those of `pinflex.mechanics.closure`.
+The same rows answer what is asked by what the frames are moved by. An imaginary step along a
+velocity makes the column of J = dc/dy of it, and one along a twist of B alone what a multiplier is
+as a wrench on B, both exactly. Along time t the rows on a circle about now in the complex plane
+tell cdd at a = 0: its mean with exp(-2 i phi) is the coefficient of t^2 (Lyness and Moler 1967,
+Numerical Differentiation of Analytic Functions). The rows are those of `pinflex.mechanics.closure`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
-from pinflex.mechanics.kinks import Kinks, Pull
-from pinflex.mechanics.manifold import skew, support
+from pinflex.mechanics.kinks import Kinks, Places, Pull, moving, relative_motion
+from pinflex.mechanics.manifold import skew
 from pinflex.mechanics.reference import sleeves
-from pinflex.mechanics.reference.sleeves import PAST, Jet, constant, dot
+from pinflex.mechanics.reference.sleeves import PAST, TINY, dot
 
 if TYPE_CHECKING:
-    from pinflex.arrays import Array, IntArray
-    from pinflex.description.blocks.external import FrameForce
+    from pinflex.arrays import Array
     from pinflex.mechanics.closure import Closures
-    from pinflex.mechanics.model.loads import Attachment, Loads, Touch
+    from pinflex.mechanics.model.loads import Attachment, Loads, TouchForce
+
+# Points of the circle, and how far it reaches [rad | m]. Any one will do for polynomials of so few
+# degrees, as all rows here are of t but those on links in segments: a root must not get far.
+_CIRCLE, _REACH, _NEAR = 32, 1.0, 3e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Moves:
-    """What n states move with, in m variables.
+def by_velocities(
+    closed: Closures, poses: Array, J: Array, X: Array | None, Q: Array, eta: Array
+) -> tuple[Array, Array]:
+    """c (n, rows) and J = dc/dy (n, rows, nv) of world Jacobians J (n, 6, nV) and the map X."""
+    supports = np.concatenate([closed.support_a, closed.support_b])
+    twists = J[:, None] * supports[:, None]
+    if X is not None:
+        twists = twists @ X[:, None]
+    elastic = np.eye(twists.shape[3])[:, twists.shape[3] - eta.shape[1] :]
+    c, grad = _stepped(closed, poses, twists, Q, eta, elastic)
+    if len((coupled := closed.coupled).rows):
+        grad[:, coupled.rows] = coupled.J if X is None else coupled.J @ X
+    return c, grad
 
-    Attributes:
-        twists: Of A, then of B of every loop, at the world's origin, shape (n, 2 loops, 6, m).
-        swept: Rates of these along one variable, time, shape (n, 2 loops, 6), or None.
-        Q: Expanded velocities, shape (n, nV, m). eta: Elastic ones, shape (n, n_eta, m).
-        A: Accelerations that belong to `swept`, shape (n, nV), or None.
+
+def by_time(
+    closed: Closures, poses: Array, motion: tuple[Array, Array], Q: Array, eta: tuple[Array, Array],
+    A: Array,
+) -> Array:  # fmt: skip
+    """gamma in cdd = J a + gamma, shape (n, rows).
+
+    `motion`: twists of the loops' bodies at the world's origin and their rates at a = 0, each
+    (n, 2 loops, 6). `eta`: elastic coordinates and rates. `A`: expanded accelerations at a = 0.
     """
-
-    twists: Array
-    swept: Array | None
-    Q: Array
-    eta: Array
-    A: Array | None = None
-
-
-def by_velocities(closed: Closures, X: Array | None, J: Array, n_eta: int) -> Moves:
-    """Every velocity of the n states is a variable."""
-    supports = np.concatenate([closed.support_a, closed.support_b])
-    twists, (n, _, nV) = J[:, None] * supports[:, None], J.shape
-    if X is None:
-        return Moves(twists, None, np.broadcast_to(np.eye(nV), (n, nV, nV)), np.zeros((n, 0, nV)))
-    nv = X.shape[2]
-    eta = np.broadcast_to(np.eye(nv)[nv - n_eta :], (n, n_eta, nv))
-    return Moves(twists @ X[:, None], None, X, eta)
-
-
-def by_time(closed: Closures, V: Array, A: Array, J: Array, dJ: Array, eta_rate: Array) -> Moves:
-    """Time is the variable, with no accelerations in minimal coordinates."""
-    supports = np.concatenate([closed.support_a, closed.support_b])
-    speeds, swept = V[:, None] * supports, A[:, None] * supports  # (n, 2 loops, nV)
-    twists = speeds @ J.swapaxes(1, 2)
-    swept = speeds @ dJ.swapaxes(1, 2) + swept @ J.swapaxes(1, 2)
-    return Moves(twists[..., None], swept, V[..., None], eta_rate[..., None], A)
+    frames = closed.frames(poses).swapaxes(2, 3)
+    first, second = (_rates(frames, x[..., None])[:, 0] for x in motion)
+    second += np.cross(motion[0][:, :, None, 3:], first)
+    size = np.abs(first).max(axis=(1, 2, 3), initial=0.0)
+    size = np.maximum(size, np.abs(eta[1]).max(axis=1, initial=0.0))
+    cut = any(contact.sleeve.segments for contact in closed.contacts)
+    reach = (_NEAR if cut else _REACH) / np.where(size > 0.0, size, 1.0)
+    turn = np.exp(2j * np.pi * np.arange(_CIRCLE) / _CIRCLE)
+    t = np.append(0.0, turn) * reach[:, None]  # (n, 1 + circle)
+    at = t[:, :, None, None, None]
+    moved = frames[:, None] + at * first[:, None] + 0.5 * at**2 * second[:, None]
+    c = rows(closed, moved, Q, eta[0][:, None] + t[:, :, None] * eta[1][:, None])
+    gamma = 2.0 * np.mean(c[:, 1:] * turn[:, None] ** -2, axis=1).real / reach[:, None] ** 2
+    if len(closed.coupled.rows):
+        gamma[:, closed.coupled.rows] = A @ closed.coupled.J.T
+    return np.asarray(gamma)
 
 
 def wrenches(
@@ -76,10 +83,9 @@ def wrenches(
     loops = len(closed.names)
     twists = np.zeros((1, 2 * loops, 6, 6))
     twists[0, loops:] = np.eye(6)
-    moves = Moves(twists, None, np.zeros((1, len(Q), 6)), np.zeros((1, len(eta), 6)))
-    W = rows(closed, poses[None], Q[None], eta[None], moves).grad[0]
+    _, W = _stepped(closed, poses[None], twists, Q[None], eta[None], np.zeros((6, len(eta))))
     on_b = np.zeros((loops, 6))
-    np.add.at(on_b, closed.loop_of, lam[:, None] * W)
+    np.add.at(on_b, closed.loop_of, lam[:, None] * W[0])
     sides = zip(closed.bodies.tolist(), [*-on_b, *on_b], strict=True)
     about_b = on_b.copy()
     about_b[:, 3:] -= np.cross(closed.frames(poses[None])[0, loops:, :, 3], on_b[:, :3])
@@ -88,65 +94,59 @@ def wrenches(
 
 def sleeves_at(closed: Closures, poses: Array, eta: Array) -> list[sleeves.Place]:
     """Where the sleeves are at one state."""
-    loops, frames = len(closed.names), closed.frames(poses[None])[0].swapaxes(1, 2)
-    a_b, z = constant(frames), constant(eta)
-    return [sleeves.Place(one, a_b[one.loop], a_b[loops + one.loop], z) for one in closed.contacts]
+    loops, frames = len(closed.names), closed.frames(poses[None]).swapaxes(2, 3)
+    return [
+        sleeves.Place(one, frames[:, one.loop], frames[:, loops + one.loop], eta[None])
+        for one in closed.contacts
+    ]
 
 
-def rows(closed: Closures, poses: Array, Q: Array, eta: Array, moves: Moves) -> Jet:
-    """c of all rows, shape (n, rows)."""
-    frames, (n, m) = _moving(closed.frames(poses), moves), (len(poses), moves.Q.shape[2])
-    loops, shape = len(closed.names), (n, closed.n, m)
-    out = Jet(np.zeros(shape[:2]), np.zeros(shape), np.zeros(shape))
-    at: IntArray
-    if len(at := closed.point_rows):
-        a = closed.loop_of[at]
-        apart = frames[:, loops + a, 3] - frames[:, a, 3]
-        _write(out, at, dot(frames[:, a, closed.point_axes], apart))
-    if len(at := closed.dot_rows):
-        a = closed.loop_of[at]
-        _write(out, at, dot(frames[:, a, closed.dot_a], frames[:, loops + a, closed.dot_b]))
-    if len(at := closed.distance_rows):
-        a, lengths = closed.loop_of[at], np.tile(closed.lengths, (n, 1))
-        apart = frames[:, loops + a, 3] - frames[:, a, 3]
-        _write(out, at, dot(apart, apart).plus(-(lengths**2)).over(2.0 * lengths))
-    if len(at := (coupled := closed.coupled).rows):
-        grad = coupled.J @ moves.Q
-        bend = 0.0 * grad if moves.A is None else (moves.A @ coupled.J.T)[..., None]
-        _write(out, at, Jet(coupled.value(Q), grad, bend))
-    for k in range(n) if closed.contacts else ():
-        z = Jet(eta[k], moves.eta[k], np.zeros((len(eta[k]), m)))
-        for contact in closed.contacts:
-            if not len(contact.rows):  # other loops hold all that it would
-                continue
-            loop = contact.loop
-            sleeve = sleeves.Place(contact, frames[k, loop], frames[k, loops + loop], z)
-            _write(out, (k, contact.rows), sleeve.rows())
+def rows(closed: Closures, frames: Array, Q: Array, eta: Array) -> Array:
+    """c of all rows, shape (n, k, rows), at k points near each of n states.
+
+    `frames`: three axes and the origin of every A, then B, shape (n, k, 2 loops, 4, 3). `eta`:
+    Shape (n, k, n_eta). Couplings are linear in Q (n, nQ), of the states themselves.
+    """
+    loops, out = len(closed.names), np.zeros((*frames.shape[:2], closed.n), complex)
+    A, B = frames[:, :, :loops], frames[:, :, loops:]
+    apart = B[:, :, :, 3] - A[:, :, :, 3]
+    a = closed.loop_of[(at := closed.point_rows)]
+    out[:, :, at] = dot(A[:, :, a, closed.point_axes], apart[:, :, a])
+    a = closed.loop_of[(at := closed.dot_rows)]
+    out[:, :, at] = dot(A[:, :, a, closed.dot_a], B[:, :, a, closed.dot_b])
+    way = apart[:, :, closed.loop_of[(at := closed.distance_rows)]]
+    out[:, :, at] = (dot(way, way) - closed.lengths**2) / (2.0 * closed.lengths)
+    out[:, :, closed.coupled.rows] = closed.coupled.value(Q)[:, None]
+    for k, contact in ((k, one) for k in range(len(Q)) for one in closed.contacts):
+        if len(contact.rows):  # else other loops hold all that it would
+            sleeve = sleeves.Place(contact, A[k, :, contact.loop], B[k, :, contact.loop], eta[k])
+            out[k][:, contact.rows] = sleeve.rows()
     return out
 
 
-def _write(out: Jet, at: object, found: Jet) -> None:
-    """Put rows at their places."""
-    key = at if isinstance(at, tuple) else (slice(None), at)
-    out.value[key], out.grad[key], out.bend[key] = found.value, found.grad, found.bend
+def _stepped(
+    closed: Closures, poses: Array, twists: Array, Q: Array, eta: Array, elastic: Array
+) -> tuple[Array, Array]:
+    """c (n, rows), and its derivatives (n, rows, m) along m variables.
 
-
-def _moving(frames: Array, moves: Moves) -> Jet:
-    """Frames of the loops, (n, 2 loops, 4, 3): three axes and the origin, with the twists' rates.
-
-    x' = w x (.), of the origin + v, and once more for the second.
+    `twists`: of A, then of B of every loop by them, at the world's origin, (n, 2 loops, 6, m).
+    `elastic`: elastic coordinates by them, (m, n_eta).
     """
-    columns = frames.swapaxes(2, 3)
-    arms = -skew(columns.reshape(-1, 3)).reshape(*columns.shape, 3)  # of (.) x column
-    v, w = moves.twists[:, :, None, :3], moves.twists[:, :, None, 3:]
-    grad = arms @ w
-    grad[:, :, 3:] += v
-    if moves.swept is None:  # only first derivatives are asked for
-        return Jet(columns, grad, np.zeros_like(grad))
-    rate, spin = grad[..., 0], w[..., 0]
-    bend = (arms @ moves.swept[:, :, None, 3:, None])[..., 0] + np.cross(spin, rate)
-    bend[:, :, 3] += moves.swept[:, :, :3]
-    return Jet(columns, grad, bend[..., None])
+    frames, eta = closed.frames(poses).swapaxes(2, 3)[:, None], eta[:, None]
+    moved = np.concatenate([frames, frames + 1j * TINY * _rates(frames[:, 0], twists)], axis=1)
+    c = rows(closed, moved, Q, np.concatenate([eta, eta + 1j * TINY * elastic], axis=1))
+    return np.array(c[:, 0].real), np.array(c[:, 1:].imag.swapaxes(1, 2) / TINY)
+
+
+def _rates(frames: Array, twists: Array) -> Array:
+    """Rates of axes and origins (n, 2 loops, 4, 3) by twists (n, 2 loops, 6, m), the m in front.
+
+    x' = w x (.), of the origin + v.
+    """
+    arms = -skew(frames.reshape(-1, 3)).reshape(*frames.shape, 3)  # of (.) x column
+    found = arms @ twists[:, :, None, 3:]
+    found[:, :, 3] += twists[:, :, :3]
+    return np.moveaxis(found, 4, 1)
 
 
 def on_segments(closed: Closures, poses: Array) -> Closures:
@@ -169,142 +169,74 @@ def on_segments(closed: Closures, poses: Array) -> Closures:
     return closed.on(numbers)
 
 
-# Forces from outside at one configuration: loads at frames, springs and dampers between two.
+# Forces from outside: loads at frames, springs and dampers between two, contacts.
 
 
-class LoadState:
-    """Loads where joints are placed.
+class LoadStates:
+    """Loads at n states, by where joints are and how they move."""
 
-    Attributes:
-        joints: That they act on.
-    """
+    def __init__(self, given: Loads, kinks: Kinks, places: Places) -> None:
+        self._given, self._kinks, self._places = given, kinks, places
 
-    def __init__(
-        self, given: Loads, model: pin.Model, poses: Array, J: Array, kinks: Kinks
-    ) -> None:
-        """`poses`: of the joints, (joints, 12). `J`: their world Jacobian, (6, nV)."""
-        self._given, self._J, self._kinks = given, J, kinks
-        ends = [place for _, place in given.forces]
-        ends += [place for _, a, b in given.springs for place in (a, b)]
-        ends += [place for one in given.touches for place in (one.a, one.b)]
-        self.joints = list(dict.fromkeys(place.joint for place in ends))
-        self._jacobian = {joint: J * support(model, joint) for joint in self.joints}
-        self._pose = {joint: poses[joint].reshape(4, 3) for joint in self.joints}
+    def wrenches(self, t: Array) -> Mapping[int, Array]:
+        """Forces and moments on joints in their own frames, (n, 6) each, at times t (n,)."""
+        total = {joint: np.zeros((len(t), 6)) for joint in self._places}
 
-    def wrenches(self, V: Array, t: float) -> dict[int, Array]:
-        """World wrench [force; moment about the origin] by joint, at time t (s)."""
-        total = {joint: np.zeros(6) for joint in self.joints}
-        for force, place in self._given.forces:
-            p, F, M = self._load(force, place, t)
-            total[place.joint] += np.concatenate([F, np.cross(p, F) + M])
+        def push(end: Attachment, F: Array, M: Array | float = 0.0) -> None:
+            """A force and a moment in the world, at an end."""
+            R = self._places[end.joint][0][:, :, :3]
+            force, moment = (((x + 0.0 * F)[:, None] @ R)[:, 0] for x in (F, M))
+            moment = moment + np.cross(end.placement.translation, force)
+            total[end.joint] += np.concatenate([force, moment], axis=1)
+
+        for force, end in self._given.forces:
+            turn = self._places[end.joint][0][:, :, :3] @ end.placement.rotation
+            turn = turn if force.follower else np.eye(3)
+            scale = np.array([[force.scale(float(x))] for x in t])
+            push(end, *(scale * (turn @ np.array(x)) for x in (force.force, force.moment)))
         for k, (_, a, b) in enumerate(self._given.springs):
-            p_a, d, length = self._line(a, b)
-            u = d / max(length, 1e-300)
-            pull = self._pull(k, length, self._rate(a, b, V)).force
-            wrench = pull * np.concatenate([u, np.cross(p_a, u)])
-            total[a.joint] += wrench
-            total[b.joint] -= wrench
+            u, pull = self._pulled(k)
+            push(a, pull.force[:, None] * u)
+            push(b, -pull.force[:, None] * u)
         for one in self._given.touches:
-            R, motion = self._seen(one, V)
-            found, p = one.force(motion, self._kinks), self._point(one.b)
-            F, M = R @ found.force[0], R @ found.moment[0]
-            wrench = np.concatenate([F, np.cross(p, F) + M])
-            total[one.b.joint] += wrench
-            total[one.a.joint] -= wrench
+            R, motion, place = relative_motion(one, self._places)
+            found = one.force(motion, self._kinks)
+            F, M = ((R @ x[:, :, None])[:, :, 0] for x in (found.force, found.moment))
+            push(one.b, F, M)
+            arm = place - moving(one.a, self._places)[0]
+            push(one.a, -F, -M - np.cross(arm, F))
         return total
 
-    def generalized(self, V: Array, t: float) -> Array:
-        """Generalised forces J' W at time t (s), shape (nV,)."""
-        each = (wrench @ self._jacobian[joint] for joint, wrench in self.wrenches(V, t).items())
-        return np.asarray(sum(each, np.zeros(self._J.shape[1])))
-
-    def energy(self, t: float) -> float:
-        """Potential of springs and of constant forces at time t (s), J."""
-        energy = 0.0
-        for force, place in self._given.forces:
+    def energy(self, t: Array) -> Array:
+        """Potential of springs, contacts and constant forces at times t (n,), shape (n,), J."""
+        energy = np.zeros(len(t))
+        for force, end in self._given.forces:
             if force.potential:
-                p, F, _ = self._load(force, place, t)
-                energy -= float(F @ p)
-        for k, (_, a, b) in enumerate(self._given.springs):
-            energy += float(self._pull(k, self._line(a, b)[2], 0.0).energy)
-        still = np.zeros(self._J.shape[1])
-        for one in self._given.touches:
-            energy += float(one.force(self._seen(one, still)[1], self._kinks).energy[0])
-        return energy
+                scale = np.array([force.scale(float(x)) for x in t])
+                energy -= scale * (moving(end, self._places)[0] @ np.array(force.force))
+        for k in range(len(self._given.springs)):
+            energy += self._pulled(k)[1].energy
+        return energy + sum(found.energy for found in self._touched())
 
-    def dissipation(self, V: Array) -> float:
-        """Power that the dampers take, W."""
-        dampers = ((k, a, b) for k, (s, a, b) in enumerate(self._given.springs) if s.damper)
-        damped = sum(
-            float(self._pull(k, self._line(a, b)[2], self._rate(a, b, V)).loss)
-            for k, a, b in dampers
-        )
-        touched = (one.force(self._seen(one, V)[1], self._kinks) for one in self._given.touches)
-        return damped + sum(float(found.loss[0]) for found in touched)
+    def dissipation(self) -> Array | float:
+        """Power that dampers and contacts take, W."""
+        springs = enumerate(self._given.springs)
+        damped = sum(self._pulled(k)[1].loss for k, (spring, *_) in springs if spring.damper)
+        return damped + sum(found.loss for found in self._touched())
 
-    def _pull(self, spring: int, length: float, rate: float) -> Pull:
-        """Of a spring between frames, straight or of pieces."""
-        law, kink = self._given.springs[spring][0], self._kinks.of_spring(spring)
-        x = length - law.length
+    def _touched(self) -> list[TouchForce]:
+        every = ((one, relative_motion(one, self._places)[1]) for one in self._given.touches)
+        return [one.force(motion, self._kinks) for one, motion in every]
+
+    def _pulled(self, k: int) -> tuple[Array, Pull]:
+        """Way of a spring from a to b (n, 3), of length one, and what it resists by."""
+        law, a, b = self._given.springs[k]
+        (p_a, v_a, _), (p_b, v_b, _) = (moving(end, self._places) for end in (a, b))
+        length = np.linalg.norm(p_b - p_a, axis=1)
+        u = (p_b - p_a) / np.maximum(length, 1e-300)[:, None]
+        x, rate, kink = length - law.length, dot(u, v_b - v_a), self._kinks.of_spring(k)
         if kink >= 0:
-            return self._kinks.pull(kink, x, rate)
-        k, c = law.stiffness, law.damper
-        return Pull(*map(np.asarray, (k * x + c * rate, k, c, 0.5 * k * x**2, c * rate**2)))
-
-    def stiffness(self, times_map: Callable[[Array], Array]) -> Array:
-        """Stiffness of the springs along their lines, by the velocities of a map, (nv, nv)."""
-        rows = []
-        for spring, a, b in self._given.springs:
-            _, d, length = self._line(a, b)
-            # One of no length pulls by k d, as stiff across its line as along it.
-            axes = (d / max(length, 1e-300))[None] if spring.length else np.eye(3)
-            rows.append(np.sqrt(spring.stiffness) * axes @ (self._moves(b) - self._moves(a)))
-        stretch = times_map(np.concatenate([np.zeros((0, self._J.shape[1])), *rows]))
-        return np.asarray(stretch.T @ stretch)
-
-    def _load(self, force: FrameForce, place: Attachment, t: float) -> tuple[Array, Array, Array]:
-        """Point, force and moment in the world."""
-        scale = force.scale(t)
-        F, M = scale * np.array(force.force), scale * np.array(force.moment)
-        if force.follower:
-            R = self._pose[place.joint][:3].T @ place.placement.rotation
-            F, M = R @ F, R @ M
-        return self._point(place), F, M
-
-    def _point(self, place: Attachment) -> Array:
-        pose = self._pose[place.joint]
-        return np.asarray(place.placement.translation @ pose[:3] + pose[3])
-
-    def _moves(self, place: Attachment) -> Array:
-        """Velocity of a point by the expanded velocities, shape (3, nV)."""
-        J = self._jacobian[place.joint]
-        return J[:3] + np.cross(J[3:], self._point(place)[:, None], axis=0)
-
-    def _line(self, a: Attachment, b: Attachment) -> tuple[Array, Array, float]:
-        """Point a, the way from a to b, and its length."""
-        p_a = self._point(a)
-        d = self._point(b) - p_a
-        return p_a, d, float(np.linalg.norm(d))
-
-    def outward(self) -> Array:
-        """Rates at which contacts go towards their rims, by velocities, shape (touches, nV)."""
-        rows = []
-        for one in self._given.touches:
-            R, seen = self._seen(one, np.zeros(self._J.shape[1]))
-            u, d = R @ one.outward(seen[:, :3])[0][0], R @ seen[0, :3]
-            moves = self._moves(one.b) - self._moves(one.a)
-            rows.append(u @ moves - np.cross(d, u) @ self._jacobian[one.a.joint][3:])
-        return np.array(rows)
-
-    def _seen(self, one: Touch, V: Array) -> tuple[Array, Array]:
-        """Axes of A, and the motion (1, 9) of B as A sees it."""
-        R = self._pose[one.a.joint][:3].T
-        d = self._point(one.b) - self._point(one.a)
-        spin_a, spin_b = (self._jacobian[end.joint][3:] @ V for end in (one.a, one.b))
-        way = (self._moves(one.b) - self._moves(one.a)) @ V - np.cross(spin_a, d)
-        return R, np.concatenate([d @ R, way @ R, (spin_b - spin_a) @ R])[None]
-
-    def _rate(self, a: Attachment, b: Attachment, V: Array) -> float:
-        """Rate of the distance from a to b, m/s."""
-        _, d, length = self._line(a, b)
-        return float(d @ (self._moves(b) - self._moves(a)) @ V) / max(length, 1e-300)
+            return u, self._kinks.pull(kink, x, rate)
+        stiff, c = law.stiffness, law.damper
+        parts = stiff * x + c * rate, stiff + 0 * x, c + 0 * x, 0.5 * stiff * x**2, c * rate**2
+        return u, Pull(*parts)

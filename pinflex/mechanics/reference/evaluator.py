@@ -21,12 +21,12 @@ import pinocchio as pin
 
 from pinflex.arrays import Array
 from pinflex.kernel.evaluate import Closure, Energies, JointForces, Tangent
-from pinflex.mechanics.kinks import Pull
+from pinflex.mechanics.evaluation.frames import Frame
+from pinflex.mechanics.kinks import Pull, places_of, relative_motion
 from pinflex.mechanics.manifold import support
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference import closures
-from pinflex.mechanics.reference.closures import LoadState, Moves
-from pinflex.mechanics.reference.sleeves import Jet, joined
+from pinflex.mechanics.reference.closures import LoadStates
 from pinflex.rotations import cross
 
 if TYPE_CHECKING:
@@ -108,15 +108,6 @@ class Placing:
         m = self.model
         every = m.joints, m.parents, m.jointPlacements, m.idx_vs, m.nvs
         return tuple(of.tolist() for of in every)
-
-    def jacobian_rates(self, Q: Array, V: Array) -> Array:
-        """Rates of the world Jacobians (n, 6, nV) at Q (n, nQ), V (n, nV)."""
-        model, data = self.model, self.data
-        rates = [
-            np.array(_matrix(pin.computeJointJacobiansTimeVariation(model, data, q, v)))
-            for q, v in zip(Q, V, strict=True)
-        ]
-        return np.array(rates).reshape(len(Q), 6, model.nv)
 
     def _jacobian_at(self, q: Array) -> tuple[Array, Array]:
         """The same, where it is known: at home all who load a system look."""
@@ -214,14 +205,12 @@ class Kinematics(NamedTuple):
     Attributes:
         here: Expanded configurations and map.
         poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.manifold`.
-        J, dJ: World Jacobians of the joints and their rates, shape (n, 6, nV); dJ (0, 6, nV)
-            without rates.
+        J: World Jacobians of the joints, shape (n, 6, nV).
     """
 
     here: Configuration
     poses: Array
     J: Array
-    dJ: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,16 +306,21 @@ class Reference:
 
     def _moving(self, Y: Array, V: Array, A: Array, t: Array) -> Array:
         """X' (rnea - J_F' F), what varies with pose and speed together, shape (n, nv)."""
-        here, model, data = self.map.at(Y, V, A), self.model, self.placing.data
-        if self.system.added.joints:
-            each = zip(_states(here), t, strict=True)
-            forces = [self._rnea(*state, {}, float(at)) for state, at in each]
-        else:
-            forces = [pin.rnea(model, data, *state) for state in _states(here)]
-        g = np.array(forces).reshape(here.V.shape)
-        for k, load in self._loads(here.Q):
-            g[k] -= load.generalized(here.V[k], float(t[k]))
-        return here.project(g)
+        acting, here = self._acting(Y, V, t), self.map.at(Y, V, A)
+        each = enumerate(zip(_states(here), t, strict=True))
+        forces = [
+            self._rnea(*state, {joint: x[k] for joint, x in acting.items()}, float(at))
+            for k, (state, at) in each
+        ]
+        return here.project(np.array(forces).reshape(here.V.shape))
+
+    def _acting(self, Y: Array, V: Array, t: Array) -> Mapping[int, Array]:
+        """Wrenches from outside on joints, in their frames, (n, 6) each."""
+        return self._loads(Y, V).wrenches(t) if self.system.loads.present else {}
+
+    def _loads(self, Y: Array, V: Array) -> LoadStates:
+        places = places_of(self, Y, V, 0.0 * V)
+        return LoadStates(self.system.loads, self.system.kinks, places)
 
     def _resting(self, Y: Array, V: Array) -> Array:
         """K y + D v, with friction and springs of joints, shape (n, nv)."""
@@ -349,9 +343,12 @@ class Reference:
         model, data, push = self.model, self.placing.data, dict(acting)
         for joint, wrench in self._added(q, v, a, t):
             push[joint] = push.get(joint, np.zeros(6)) - wrench
+        if not push:
+            return np.array(pin.rnea(model, data, q, v, a))
         outside = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         for joint, wrench in push.items():
-            outside[joint] = pin.Force(wrench)
+            if joint:
+                outside[joint] = pin.Force(wrench)
         return np.array(pin.rnea(model, data, q, v, a, outside))
 
     def _added(self, q: Array, v: Array, a: Array, t: float) -> Iterator[tuple[int, Array]]:
@@ -364,51 +361,44 @@ class Reference:
             turning = speed.cross(pin.Force(M @ speed.vector)).vector
             yield joint, M @ data.a[joint].vector + turning
 
-    def _loads(self, Q: Array) -> Iterator[tuple[int, LoadState]]:
-        """Loads from outside at each of n configurations, where there are any."""
-        if self.system.loads.present:
-            for k, (poses, J) in enumerate(zip(*self.placing.jacobians(Q), strict=True)):
-                yield k, LoadState(self.system.loads, self.model, poses, J, self.system.kinks)
-
     # Closures --------------------------------------------------------------------------------
 
     def close(self, Y: Array) -> Closure:
         """c (n, rows) and J = dc/dy (n, rows, nv) at Y (n, nq)."""
-        closed, n_eta = self.system.closed, self.system.n_eta
-        if not closed.n:
-            return Closure(np.zeros((len(Y), 0)), np.zeros((len(Y), 0, self.system.nv)))
         here = self.map.at(Y)
         poses, J = self.placing.jacobians(here.Q)
-        X = here.X
-        found = self._rows(
-            here, poses, Y,
-            lambda on, s: closures.by_velocities(on, None if X is None else X[s], J[s], n_eta),
-        )  # fmt: skip
-        return Closure(found.value, found.grad)
+
+        def some(on: Closures, s: slice) -> tuple[Array, Array]:
+            X = None if here.X is None else here.X[s]
+            return closures.by_velocities(on, poses[s], J[s], X, here.Q[s], Y[s, self._q :])
+
+        return Closure(*self._on_segments(poses, some))
 
     def closure_bias(self, Y: Array, V: Array) -> Array:
         """gamma in cdd = J a + gamma, shape (n, rows), at Y (n, nq) and V (n, nv)."""
-        if not self.system.closed.n:
-            return np.zeros((len(Y), 0))
-        here = self.map.at(Y, V)
-        (poses, J), dJ = self.placing.jacobians(here.Q), self.placing.jacobian_rates(here.Q, here.V)
-        found = self._rows(
-            here, poses, Y,
-            lambda on, s: closures.by_time(on, here.V[s], here.A[s], J[s], dJ[s], V[s, self._v :]),
-        )  # fmt: skip
-        return found.bend[:, :, 0]
+        here, none = self.map.at(Y, V), np.zeros_like(V)
+        poses = self.placing.poses(here.Q)
 
-    def _rows(
-        self, here: Configuration, poses: Array, Y: Array, moves: Callable[[Closures, slice], Moves]
-    ) -> Jet:
-        """The rows of n states: at once, but that every sleeve is on a segment of its own."""
-        closed, n = self.system.closed, len(Y)
-        apart = any(contact.sleeve.segments for contact in closed.contacts)
-        parts = []
-        for s in (slice(k, k + 1) for k in range(n)) if apart else (slice(0, n),):
-            on = closures.on_segments(closed, poses[s][0]) if apart else closed
-            parts.append(closures.rows(on, poses[s], here.Q[s], Y[s, self._q :], moves(on, s)))
-        return joined(parts)
+        def some(on: Closures, s: slice) -> tuple[Array]:
+            places, rates = self.motions(Y[s], V[s], none[s], on.bodies.tolist())
+            R, p = places[..., None, :, :3], places[..., None, :, 3]
+            v, w = ((R @ x[..., None])[..., 0] for x in (rates[..., :3], rates[..., 3:]))
+            motion = np.concatenate([v + np.cross(p, w), w], axis=-1)  # (2 loops, s, 2, 6)
+            twists = motion[:, :, 0].swapaxes(0, 1), motion[:, :, 1].swapaxes(0, 1)
+            eta = Y[s, self._q :], V[s, self._v :]
+            return (closures.by_time(on, poses[s], twists, here.Q[s], eta, here.A[s]),)
+
+        return self._on_segments(poses, some)[0]
+
+    def _on_segments(
+        self, poses: Array, some: Callable[[Closures, slice], tuple[Array, ...]]
+    ) -> list[Array]:
+        """Answers of n states: at once, but that every sleeve is on a segment of its own."""
+        closed, n = self.system.closed, len(poses)
+        if not any(contact.sleeve.segments for contact in closed.contacts):
+            return [*some(closed, slice(0, n))]
+        each = (some(closures.on_segments(closed, poses[k]), slice(k, k + 1)) for k in range(n))
+        return [np.concatenate(x) for x in zip(*each, strict=True)]
 
     def sleeve_places(self, Y: Array) -> Array:
         """Where the sleeves are on their links (m) at Y (n, nq), shape (n, sleeves)."""
@@ -464,12 +454,10 @@ class Reference:
 
     # Motions, forces, energies ---------------------------------------------------------------
 
-    def kinematics(self, Y: Array, V: Array | None, joint: int | None) -> Kinematics:
-        """Joints, or one of them, at Y (n, nq); with V (n, nv), the rates of Jacobians too."""
-        here = self.map.at(Y, V)
-        poses, J = self.placing.jacobians(here.Q, joint)
-        dJ = J[:0] if V is None else self.placing.jacobian_rates(here.Q, here.V)
-        return Kinematics(here, poses, J, dJ)
+    def kinematics(self, Y: Array, joint: int | None = None) -> Kinematics:
+        """Joints, or one of them, at Y (n, nq)."""
+        here = self.map.at(Y)
+        return Kinematics(here, *self.placing.jacobians(here.Q, joint))
 
     def motions(self, Y: Array, V: Array, A: Array, joints: Sequence[int]) -> tuple[Array, Array]:
         """Poses of joints (k, n, 3, 4); velocity and acceleration in their frames (k, n, 2, 6)."""
@@ -491,18 +479,15 @@ class Reference:
         n, loops = len(Y), len(closed.names)
         g, f = np.empty(here.V.shape), np.empty((n, len(joints), 6))
         wrenches, sleeves = np.empty((n, loops, 6)), np.empty((n, len(closed.contacts), 3, 8))
-        acting: list[dict[int, Array]] = [{} for _ in range(n)]
-        for k, load in self._loads(here.Q):
-            acting[k] = load.wrenches(here.V[k], float(t[k]))
+        acting = self._acting(Y, V, t)
         for k, state in enumerate(_states(here)):
+            push = {joint: x[k] for joint, x in acting.items()}
             on = closures.on_segments(closed, poses[k])
             wrenches[k], ends = closures.wrenches(on, poses[k], here.Q[k], Y[k, self._q :], lam[k])
             for joint, wrench in ends:
-                acting[k][joint] = acting[k].get(joint, 0.0) + wrench
-            local = {
-                j: _place(poses[k, j]).actInv(pin.Force(w)).vector for j, w in acting[k].items()
-            }
-            g[k] = self._rnea(*state, local, float(t[k]))
+                own = _place(poses[k, joint]).actInv(pin.Force(wrench)).vector
+                push[joint] = push.get(joint, 0.0) + own
+            g[k] = self._rnea(*state, push, float(t[k]))
             for i, joint in enumerate(joints):
                 f[k, i] = self.placing.data.f[joint].vector
             places = closures.sleeves_at(on, poses[k], Y[k, self._q :])
@@ -522,8 +507,8 @@ class Reference:
         kinetic = [0.5 * v @ self._expanded_mass(q, float(at)) @ v for (q, v, _), at in each]
         weight = [pin.computePotentialEnergy(self.model, self.placing.data, q) for q in here.Q]
         spring = 0.5 * (s.angles(Y) - s.rest) ** 2 @ s.stiffness
-        for k, load in self._loads(here.Q):
-            spring[k] += load.energy(float(t[k]))
+        if self.system.loads.present:
+            spring = spring + self._loads(Y, V).energy(t)
         elastic = self.strain.energy(Y[:, self._q :])
         for row, pull in self._kinks(Y, V):
             if row < self._v:
@@ -534,24 +519,33 @@ class Reference:
 
     def losses(self, Y: Array, V: Array) -> Array:
         """Power that damping, friction and dampers between frames take, shape (n,), W."""
-        here, power = self.map.at(Y, V), self.system.dissipation(V)
+        power = self.system.dissipation(V)
         for _, pull in self._kinks(Y, V):
             power = power + pull.loss
-        for k, load in self._loads(here.Q):
-            power[k] += load.dissipation(here.V[k])
-        return power
+        return power + self._loads(Y, V).dissipation() if self.system.loads.present else power
 
     def outward(self, y: Array) -> Array:
         """Rates at which contacts go to their rims, by velocities, (touches, nv), at y (nq,)."""
-        here = self.map.at(y[None])
-        load = next(load for _, load in self._loads(here.Q))
-        return np.asarray(here.times_map(load.outward()))
+        found, at = [], self.kinematics(y[None])
+        places = places_of(self, y[None], *np.zeros((2, 1, self.system.nv)))
+        for one in self.system.loads.touches:
+            (R,), (motion,), _ = relative_motion(one, places)
+            u, d = R @ one.outward(motion[None, :3])[0][0], R @ motion[:3]
+            a, b = (Frame(self.model, end).jacobian(at)[0] for end in (one.a, one.b))
+            found.append(u @ (b - a)[:3] - np.cross(d, u) @ a[3:])
+        return np.array(found)
 
     def spring_stiffness(self, y: Array) -> Array:
         """Stiffness of springs between frames along their lines, shape (nv, nv), at y (nq,)."""
-        here, K = self.map.at(y[None]), np.zeros((self.system.nv, self.system.nv))
-        for _, load in self._loads(here.Q):
-            K += load.stiffness(here.times_map)
+        at, K = self.kinematics(y[None]), np.zeros((self.system.nv, self.system.nv))
+        for spring, *ends in self.system.loads.springs:
+            frames = [Frame(self.model, end) for end in ends]
+            a, b = (frame.jacobian(at)[0, :3] for frame in frames)
+            d = frames[1].pose(at.poses)[1][0] - frames[0].pose(at.poses)[1][0]
+            # One of no length pulls by k d, as stiff across its line as along it.
+            axes = d[None] / max(float(np.linalg.norm(d)), 1e-300) if spring.length else np.eye(3)
+            stretch = axes @ (b - a)
+            K += spring.stiffness * stretch.T @ stretch
         return K
 
 

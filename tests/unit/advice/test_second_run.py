@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinflex.advice.error_bars import shared
+from pinflex.levels.outputs import shared
 
 
 def test_only_sections_at_one_place_are_compared() -> None:

@@ -66,7 +66,7 @@ KNOWN: dict[type, str] = {
     CoupledRows: "rows J at A offset",
     Contact: "sleeve loop rows supports on",
     Sleeve: "link placement length half sorts track eta segments",
-    Segment: "offset length track end eta root",
+    Segment: "offset length track eta root",
     Track: "n length series row i j shear",
     Series: "breaks powers",
 }

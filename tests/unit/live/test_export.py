@@ -85,7 +85,7 @@ BESIDE = """
 import json, sys
 import numpy as np
 import pinflex as pf
-from pinflex.recovery.kinematics import motion_of
+from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.rotations import rotation_vector
 from pathlib import Path
 from tests.unit.live.test_export import MODELS, PUSH, Slave, fmu

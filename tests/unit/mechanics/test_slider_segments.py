@@ -89,10 +89,10 @@ def test_at_a_border_both_segments_write_the_same_rows(case: str, tmp_path: Path
     at, eta, found = d.kinematics(y), y[8:], []
     for number in (0, 1):
         on = closed.on((number,))
-        moves = closures.by_velocities(on, at.here.X, at.J, len(eta))
-        rows = closures.rows(on, at.poses, at.here.Q, eta[None], moves)
+        given = at.poses, at.J, at.here.X, at.here.Q, eta[None]
+        residual, jacobian = closures.by_velocities(on, *given)
         (place,) = closures.sleeves_at(on, at.poses[0], eta)
-        found.append((place.at, rows.value[0], rows.grad[0]))
+        found.append((place.at, residual[0], jacobian[0]))
     place, residual, jacobian = (np.abs(a - b).max() for a, b in zip(*found, strict=True))
     assert place < 1e-12
     # The long sleeve's ends are held to first order where it is off its tangent: 1e-12 of slopes.
