@@ -578,7 +578,7 @@ def differences(a: Look, b: Look) -> Errors:
             same, near = shared(x, at)
             mine[link], theirs[link] = own[:, same], moved[:, near]
     scale, far = _largest(mine, theirs)
-    if scale > 0:
+    if scale > REST:  # else round-off
         found["deflection"] = far / scale
     return found | (_platform(a, b) if b.probe.mechanism.description.platform else {})
 

@@ -26,7 +26,7 @@ from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.modes import default_step, modes
-from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.levels.outputs import REST, ROUND_OFF, Outputs
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.recovery.kinematics import Samples
@@ -123,7 +123,7 @@ def _differences(a: Samples, b: Samples) -> dict[str, float]:
     found: dict[str, float] = {}
     for (key, x), (_, y) in zip(mine, theirs, strict=True):
         scale = float(np.max(np.abs(y), initial=0.0))
-        if scale > 0.0:
+        if scale > REST:  # else round-off
             apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
             found[key] = max(found.get(key, 0.0), apart)
     return found
