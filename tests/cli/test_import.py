@@ -270,7 +270,8 @@ def test_the_tip_of_an_arm_is_its_platform_and_a_bent_root_is_none(tmp_path: Pat
         '<robot name="rotor"><link name="tower"/><link name="blade1"><inertial>'
         '<origin xyz="5 0 0"/><mass value="100"/><inertia ixx="1" ixy="0" ixz="0" iyy="833" '
         'iyz="0" izz="833"/></inertial></link><link name="tip1"/><joint name="spin" '
-        'type="continuous"><parent link="tower"/><child link="blade1"/><axis xyz="0 0 1"/></joint><joint name="f" '
+        'type="continuous"><parent link="tower"/><child link="blade1"/><axis xyz="0 0 1"/></joint>'
+        '<joint name="f" '
         'type="fixed"><parent link="blade1"/><child link="tip1"/><origin xyz="10 0 0"/></joint>'
         "</robot>"
     )
