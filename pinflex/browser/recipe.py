@@ -130,6 +130,7 @@ def _piece(
         name: keep(f"{key}/{name}", x) for name, x in arrays.items() if x is not None and x.size
     }
     nodes = [int(system.node_of_joints[i.bottom(model)]) for i in slot.interfaces]
+    nodes += [int(system.node_of_joints[joint]) for joint in slot.turning]  # behind the loads
     root = place(f"{key}/root", slot.root)
     return kept | {"root": root, "eta": [slot.eta.start, slot.eta.stop], "nodes": nodes}
 

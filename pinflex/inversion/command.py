@@ -284,6 +284,12 @@ def command(
             f"{mechanism.name}: command: nothing deforms, so the rigid inverse kinematics is the "
             "answer. Describe flexible links or elastic joints."
         )
+    if len(mechanism.idle.base):
+        raise DescriptionError(
+            f"{mechanism.name}: command: the base is free and drifts as motors push, so that no "
+            "motor motion alone holds the platform on a path in the world. Write `base: fixed`, or "
+            "hold the base by a loop to `world`."
+        )
     _require_numbers(mechanism.name, level, tol, before, after, instants)
     require_staying(mechanism.description, "command")
     motion = motion if motion is not None else default_motion(mechanism)

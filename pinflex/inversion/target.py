@@ -124,8 +124,9 @@ def _independent(position: Array, gain: Array, count: int) -> tuple[str, ...]:
     """Platform coordinates that motors move independently, at most `count` of them.
 
     Rotations are weighed by the size of the path `position` (nt, 6), in m; `gain` is (6, nm).
+    Where the platform turns on the spot alone they need no weight.
     """
-    size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max()
+    size = np.linalg.norm(position[:, :3] - position[0, :3], axis=1).max() or 1.0
     unit = np.array([1.0, 1.0, 1.0, size, size, size])[:, None]
     kept, _ = independent_rows(gain * unit, PLATFORM_COORDINATES)
     return tuple(PLATFORM_COORDINATES[k] for k in kept[:count])

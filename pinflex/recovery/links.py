@@ -103,17 +103,20 @@ def section_resultants(
     d: Array,
     station: Array,
     twist: Array,
+    turn: Array | None,
     loads: list[tuple[float, Array, Array]],
     eta: Array,
 ) -> Array:
     """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
+
+    `turn`: moments that the rotary inertia of stations needs (nt, ns, 3), None without it.
 
     Returns:
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
     where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
     where[:, :, 0] += body.x
-    arm = cross(where, station)
+    arm = cross(where, station) if turn is None else cross(where, station) + turn
     force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
     moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
     if len(body.xt):
@@ -285,7 +288,9 @@ def _section_forces(
     g = samples.forces.g
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
     if slot.body.solid is None:
-        forces = g[:, slot.stations], g[:, slot.twists]
+        turn = [samples.forces.f[joint][:, 3:] for joint in slot.turning]
+        about = np.stack(turn, axis=1) if turn else None
+        forces = g[:, slot.stations], g[:, slot.twists], about
         return section_resultants(slot.body.cut, slot.body, d, *forces, loads, eta)
     solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
     for key, value in surface(solid, pull, hung).items():

@@ -358,6 +358,9 @@ class Peaks:
         self._h = _MARCHED if self.steps.stepped else _STILL
         look = self.steps.look
         seen = self._curves(base, look, True)
+        # nothing changes by a share of what stays zero, as a panel's tip that turns on the spot
+        self._names = tuple(name for name, of in seen.items() if np.any(of.values))
+        seen = {name: seen[name] for name in self._names}
         self._windows = self._around(look, seen)
         self._grid = self.steps.grid if any(map(_is_rms, seen)) else np.zeros(0)
         self._t = np.unique(np.concatenate([[0.0], self._windows.nodes.ravel(), self._grid]))

@@ -101,6 +101,15 @@ def test_samples_that_share_matrices_are_those_of_the_command_line(browser, page
     assert same["stress"] < SINGLE
 
 
+def test_what_sections_turn_with_is_in_the_stress_of_a_page(browser, tmp_path):
+    turning = ["flexible.*.rotary_inertia=true"]
+    opened(browser, pf.live_page("ur5", tmp_path / "turning.html", turning).path)
+    found = moved(browser, {"payload": 1.5})
+    mechanism = pf.load("ur5", [*turning, *found["overrides"]])
+    same = differences(found, same_steps(mechanism, np.array(found["t"])), mechanism)
+    assert same["stress"] < SINGLE
+
+
 def test_tables_of_the_page_are_those_of_the_command_line(pages, browser):
     """Where every table is a straight line of its slider nothing is told of tables, and rightly."""
     opened(browser, pages("ur5"))

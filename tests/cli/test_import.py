@@ -263,6 +263,31 @@ def test_a_ball_is_proposed_where_its_name_says_it_and_the_freedoms_need_it(
     assert pf.solve(robot, level="rigid", samples=5).worst_closure < 1e-9
 
 
+def test_the_tip_of_an_arm_is_its_platform_and_a_bent_root_is_none(tmp_path: Path) -> None:
+    """A blade with a frame `tip1`: the blade was proposed, whose frame does not bend with it."""
+    path = tmp_path / "rotor.urdf"
+    path.write_text(
+        '<robot name="rotor"><link name="tower"/><link name="blade1"><inertial>'
+        '<origin xyz="5 0 0"/><mass value="100"/><inertia ixx="1" ixy="0" ixz="0" iyy="833" '
+        'iyz="0" izz="833"/></inertial></link><link name="tip1"/><joint name="spin" '
+        'type="continuous"><parent link="tower"/><child link="blade1"/><axis xyz="0 0 1"/></joint>'
+        '<joint name="f" '
+        'type="fixed"><parent link="blade1"/><child link="tip1"/><origin xyz="10 0 0"/></joint>'
+        "</robot>"
+    )
+    assert main(["new", str(path), "--flexible", "blade1"]) == 0
+    scene = path.with_suffix(".yaml")
+    assert yaml.safe_load(scene.read_text("utf-8"))["platform"] == "tip1"
+
+    def said(*overrides: str) -> list[str]:
+        return [w for w in pf.check(pf.load(scene, overrides)).warnings if "far end" in w]
+
+    assert said() == []
+    (warning,) = said("platform=blade1")
+    assert "platform: blade1 is the frame at the root" in warning
+    assert "(tip1)" in warning
+
+
 def test_a_finger_is_no_platform(tmp_path: Path) -> None:
     """Fingers hang further out than the palm that carries them, and matter less."""
     parts = ("base", "upper", "palm", "thumb_1", "thumb_2", "index_1")

@@ -96,6 +96,7 @@ class Recovery {
   sections(p, n, y, d, forces) {
     const {nq, nq_rigid, nV} = this.equations.c, {nx, m, x, from, where, loadX, outer, twist, bodyPhi, bodyX, stations, twists} = this.prepared(p);
     const ns = bodyX.length, nt = twists ? twists.length : 0, all = this.nodes.length, nodes = p.nodes.map((node) => this.row.get(node));
+    const loads = loadX.length, turning = nodes.length > loads;
     const force = new Float64Array(n * nx * 6), arm = new Float64Array(ns * 3), pull = new Float64Array(ns * 3), hung = forces.f, g = forces.g;
     for (let k = 0; k < n; k++) {
       const e = k * nq + nq_rigid + from, o = k * nV;
@@ -116,10 +117,14 @@ class Recovery {
           const q = 3 * j, a = arm[q], b = arm[q + 1], c = arm[q + 2], u = w * pull[q], v = w * pull[q + 1], z = w * pull[q + 2];
           F0 += u; F1 += v; F2 += z;
           M0 += b * z - c * v; M1 += c * u - a * z; M2 += a * v - b * u;
+          if (turning) {
+            const f = 6 * (k * all + nodes[loads + j]) + 3;
+            M0 += w * hung[f]; M1 += w * hung[f + 1]; M2 += w * hung[f + 2];
+          }
         }
         for (let j = 0; j < nt; j++) M0 += twist[i * nt + j] * g[o + twists[j]];
         const at = 6 * (k * nx + i);
-        for (let l = 0; l < nodes.length; l++) {
+        for (let l = 0; l < loads; l++) {
           if (!(x[i] <= loadX[l] * (1 + 1e-12))) continue;
           const q = 6 * (k * nx + where[l]), f = 6 * (k * all + nodes[l]), u = hung[f], v = hung[f + 1], z = hung[f + 2], a = d[q] + loadX[l], b = d[q + 1], c = d[q + 2];
           F0 += u; F1 += v; F2 += z;

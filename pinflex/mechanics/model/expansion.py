@@ -261,9 +261,9 @@ class _Assembler:
         self.n_eta += body.n
         slot_number = len(self.slots)
         self.maps.append([])
-        stations = self._stations(part.link, k, body, root)
+        stations, turning = self._stations(part.link, k, body, root)
         twists = self._twists(part.link, k, body, root)
-        self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, ()))
+        self.slots.append(Slot(part.link, offset, body, eta, root, stations, twists, (), turning))
         interfaces: list[Interface] = []
         following = root
         if body.root_moves and k == 0:
@@ -297,7 +297,7 @@ class _Assembler:
         self.n_eta += body.n
         slot = len(self.slots)
         self.maps.append([])
-        stations = self._stations(part.link, 0, body, root)
+        stations, _ = self._stations(part.link, 0, body, root)
         none = np.zeros(0, dtype=np.intp)
         self.slots.append(Slot(part.link, 0.0, body, eta, root, stations, none, ()))
         places = [solid.held[1], *(node.place for node in solid.nodes)]
@@ -319,19 +319,23 @@ class _Assembler:
                 self._child(child, Attachment(carrier.joint, section), placement)
         self.slots[slot] = replace(self.slots[slot], interfaces=tuple(interfaces))
 
-    def _stations(self, name: str, segment: int, body: FlexibleBody, root: Attachment) -> IntArray:
+    def _stations(
+        self, name: str, segment: int, body: FlexibleBody, root: Attachment
+    ) -> tuple[IntArray, tuple[int, ...]]:
+        """Rows of the stations of a body, and the joints of those that turn with inertia."""
         rows, slot = np.empty((len(body.mass), 3), dtype=np.intp), len(self.slots)
         turned = body.inertia is not None and body.Phi_r is not None
-        joints = []
+        joints, slides = [], list[int]()
         for k, place in enumerate(body.points):
             joint, rows[k] = self._slide(root, place)
             self._map(slot, rows[k], body.Phi[k], None if body.G is None else body.G[k])
             if turned:
+                slides.append(joint)
                 turn = None if body.G_r is None else body.G_r[k]
                 joint = self._turn(joint, slot, body.Phi_r[k], turn)  # type: ignore[index]
             joints.append(joint)
         self.carried.append((joints, (), partial(_of_stations, name, segment, turned)))
-        return rows
+        return rows, tuple(slides)
 
     def _twists(self, name: str, segment: int, body: FlexibleBody, root: Attachment) -> IntArray:
         rows = np.arange(self.model.nv, self.model.nv + len(body.xt), dtype=np.intp)

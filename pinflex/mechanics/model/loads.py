@@ -59,7 +59,10 @@ class Interface:
 
 @frozen
 class Slot:
-    """One flexible body in the expanded model: its eta slice, stations and interfaces."""
+    """One flexible body in the expanded model: its eta slice, stations and interfaces.
+
+    `turning`: joints of stations with rotary inertia, whose forces have all six components.
+    """
 
     link: str
     offset: float
@@ -69,6 +72,7 @@ class Slot:
     stations: IntArray
     twists: IntArray
     interfaces: tuple[Interface, ...]
+    turning: tuple[int, ...] = ()
 
 
 @frozen

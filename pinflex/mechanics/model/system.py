@@ -154,6 +154,7 @@ class System:
         joints |= {place.joint for place in self.expansion.frames.values()}
         joints |= {slot.root.joint for slot in slots}
         joints |= {each.bottom(model) for slot in slots for each in slot.interfaces}
+        joints |= {joint for slot in slots for joint in slot.turning}
         return tuple(sorted(joints | {0}))
 
     @cached_property

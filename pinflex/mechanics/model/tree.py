@@ -310,8 +310,9 @@ def joint_rows(model: pin.Model, name: str) -> list[int]:
 #    positive semidefinite;
 # 2. a point mass at the tip, by the lever rule, as far as the remainder stays positive
 #    semidefinite;
-# 3. what only turns (the twist and the rotary inertia of sections) gets the largest share up to s
-#    that leaves the kinetic energy of the remainder positive semidefinite;
+# 3. what only turns gets the largest share up to s that leaves the kinetic energy of the remainder
+#    positive semidefinite: the twist first, then the rotary inertia of bending, each on its own
+#    (of a thin panel the mass points take all that there is across it, and it twists all the same);
 # 4. the remainder rides on the section beside its own centre of mass, so that weight and inertia
 #    load the beam with the right moment.
 #
@@ -342,12 +343,12 @@ class Split:
 
     Attributes:
         share: Share of the beam's density that its stations carry, 0 to 1.
-        turning: The same for the inertia that only turns: twist and rotary inertia.
+        turning: The same about x, y and z of the sections: twist and rotary inertia.
         riders: The rest. Beam and riders have the inertia of the URDF's link to round-off.
     """
 
     share: float
-    turning: float
+    turning: tuple[float, float, float]
     riders: tuple[Rider, ...]
 
 
@@ -400,9 +401,13 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
     at_tip = min(max(moment, 0.0), max(mass, 0.0), _largest(form(rest), form(tip)))
     at_tip = at_tip if at_tip > _SMALL else 0.0
     rest = rest - at_tip * tip
-    turns = scale * turning(bodies)
-    spin = min(share, _largest(rest, turns)) if np.any(turns) else share
-    rest = rest - spin * turns
+    turns = np.diag(scale * turning(bodies))
+    spin = [share] * 3
+    for axis, row in enumerate(range(3, 6)):
+        if turns[row]:
+            part = np.diag(np.where(np.arange(6) == row, turns, 0.0))
+            spin[axis] = min(share, _largest(rest, part))
+            rest = rest - spin[axis] * part
     riders = []
     if at_tip:
         riders.append(Rider(length, pin.Inertia(at_tip * link.mass, np.zeros(3), np.zeros((3, 3)))))
@@ -413,7 +418,7 @@ def split(link: pin.Inertia, bodies: Sequence[FlexibleBody], length: float) -> S
         if rest[0, 0] <= _MASSLESS:
             rider.lever = np.zeros(3)
         riders.append(Rider(x, rider))
-    return Split(share, spin, tuple(riders))
+    return Split(share, (spin[0], spin[1], spin[2]), tuple(riders))
 
 
 def moved(split: Split, stretch: float) -> Split:
@@ -425,8 +430,8 @@ def weighed(
     body: FlexibleBody, link: FlexibleLink, shares: Split, riders: Sequence[Rider]
 ) -> FlexibleBody:
     """A body with its share of mass, and its mass and damping matrix with the riders."""
-    inertia = None if body.inertia is None else shares.turning * body.inertia
-    mass, It = shares.share * body.mass, shares.turning * body.It
+    inertia = None if body.inertia is None else np.array(shares.turning) * body.inertia
+    mass, It = shares.share * body.mass, shares.turning[0] * body.It
     M = np.einsum("k,kai,kaj->ij", mass, body.Phi, body.Phi)
     M += np.einsum("k,ki,kj->ij", It, body.Phi_t, body.Phi_t)
     if inertia is not None and body.Phi_r is not None:  # rows (rz, ry, rx), inertia (x, y, z)

@@ -187,6 +187,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
         *_sag_warnings(rest, links),
+        *_at_a_root(mechanism),
         *heavy(mechanism.links),
         *slips(mechanism),
         *ignored(description),
@@ -297,6 +298,20 @@ def _without_load(mechanism: Mechanism, part: FlexiblePart) -> list[str]:
     return [
         f"{part.link}: nothing hangs on its beam beyond the root, where {', '.join(sections)} "
         f"{'sits' if len(sections) == 1 else 'sit'}: it bends under its own mass alone."
+    ]
+
+
+def _at_a_root(mechanism: Mechanism) -> list[str]:
+    """The platform is a flexible link, whose frame is its root."""
+    name = mechanism.description.platform or ""
+    part = mechanism.parts.get(name)
+    if part is None or part.bodies[0].root_moves:
+        return []
+    end = part.spec.end
+    behind = "the link behind it, or a massless link there" if end is None else end
+    return [
+        f"platform: {name} is the frame at the root of that flexible link, and does not move as "
+        f"the link bends: name what sits at its far end ({behind})."
     ]
 
 

@@ -39,6 +39,7 @@ _WORDS = (  # the end of a robot, surest name first
     re.compile(r"gripper|hand|palm|wrist", re.I),
     re.compile(r"foot|feet|sole", re.I),
 )
+_TIP = re.compile(r"(^|_)(tip|nozzle|hook)(\d|_|$)", re.I)  # of a tree; of loops their ends
 _FINGER = re.compile(
     r"finger|thumb|(^|_)(index|middle|ring|pinky|little|knuckle|jaw|ph)(\d|_|$)", re.I
 )
@@ -119,7 +120,8 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     )
     tied = [k for k in plain if links[k].name in ends]
     heavy = [k for k in plain if links[k].weighs]
-    best = named or [k for k in tied if links[k].weighs] or tied or heavy or plain
+    tips = [k for k in plain if _TIP.search(links[k].name)]
+    best = named or [k for k in tied if links[k].weighs] or tied or tips or heavy or plain
     return links[max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))].name
 
 
