@@ -210,23 +210,6 @@ class Problem:
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
 
-    def after_jumps(self, run: Run, breaks: Sequence[float]) -> Run:
-        """The run with accelerations and forces just after a jump at each sample that lies on one.
-
-        A step that ends there has those just before; the motion and all other levels have those
-        after. At breaks without a jump the run stays as it is.
-        """
-        loads = self.dynamics.system.loads.forces
-        kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
-        on = np.flatnonzero(on_marks(run.t, breaks))
-        jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
-        jumps = np.union1d(jumps, np.flatnonzero(on_marks(run.t, kicks)))
-        a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
-        for k in jumps:
-            after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
-            a[k], lam[k], torque[k] = after.a, after.lam, after.torque
-        return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
-
     def jumps(self, t: Array, samples: Array) -> IntArray:
         """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
         path = self.path(np.concatenate([samples, t])).acceleration
