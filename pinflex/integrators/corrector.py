@@ -210,13 +210,13 @@ class Inside:
         if not np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1) < _SINGULAR:
             if self.h > 0.0:
                 return None
-            inverse = _beside_massless(
+            inverse = _inverse_of_rest(
                 scaled, (C[at] + _AFTER * K[at]) / np.outer(size[:n], size[:n])
             )
         return inverse / (size[:, None] * size), soft, J
 
 
-def _beside_massless(S: Array, rates: Array) -> Array:
+def _inverse_of_rest(S: Array, rates: Array) -> Array:
     """Inverse of a saddle matrix (m, m) where coordinates have no mass.
 
         S x = b,     U' rates x = 0

@@ -9,14 +9,15 @@ before.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.actuation.drive import Nominal, nominal
+from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, SceneError
 from pinflex.integrators.corrector import Before, Corrector, Inside
 from pinflex.integrators.march import ANEW, Radau, Record
@@ -24,6 +25,7 @@ from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.outputs import (
     LEAST_SIZES,
     REST,
+    ROUND_OFF,
     History,
     Outputs,
     bent,
@@ -33,12 +35,15 @@ from pinflex.levels.outputs import (
 )
 from pinflex.levels.rigid import multipliers
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.recovery.kinematics import Samples
+from pinflex.recovery.links import resultants, stresses
+from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from pinflex.actuation.path import MotorPath
-    from pinflex.arrays import Array
     from pinflex.integrators.compiled import Batch, States
     from pinflex.integrators.problem import Path, State
+    from pinflex.mechanics.mechanism import Mechanism
     from pinflex.solver.scene import Scene
 
 # How far a run is going to move, before it is made: from the rigid motion and the stiffness.
@@ -453,3 +458,97 @@ def _remembering(path: Path) -> Path:
         return last
 
     return at
+
+
+# How far two runs of one system differ in what follows from accelerations: forces and stresses.
+#
+# Stress and section forces relative to their largest values, all sections of all links together;
+# the acceleration of the platform likewise. They take a pass over the samples: few are looked at,
+# those that differ most, and only where strain differs enough, or somebody asks.
+
+_SAMPLES = 51  # the worst of so many pieces
+_PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
+
+Told = Callable[[], Mapping[str, float]]
+
+
+def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
+    """Function that finds the estimated errors, once."""
+
+    @cache
+    def told() -> dict[str, float]:
+        some = _worst_of_run(coarse, fine)
+        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
+        with one_blas_thread():
+            found = _differences(a, b)
+        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
+
+    return told
+
+
+def _differences(a: Samples, b: Samples) -> dict[str, float]:
+    """Largest differences of stress, section forces and the platform's acceleration, relative.
+
+    Forces and moments of a section have scales of their own.
+    """
+    mine, theirs = (_quantities(x) for x in (a, b))
+    found: dict[str, float] = {}
+    for (key, x), (_, y) in zip(mine, theirs, strict=True):
+        scale = float(np.max(np.abs(y), initial=0.0))
+        if scale > 0.0:
+            apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
+            found[key] = max(found.get(key, 0.0), apart)
+    return found
+
+
+def _quantities(samples: Samples) -> list[tuple[str, Array]]:
+    """What is compared, with the output that it belongs to."""
+    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
+    if samples.run.system.expansion.slots:  # a rigid run has none
+        forces = resultants(samples)
+        cut = np.concatenate([*forces.values()], axis=1)
+        sections = {name: mechanism.parts[name].spec.section for name in forces}
+        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
+        found = [("stress", np.concatenate(every, axis=1))]
+        found += [("section forces", cut[:, :, s]) for s in _PARTS]
+    if platform := mechanism.description.platform:
+        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
+        found.append(("platform acceleration", moved))
+    return found
+
+
+def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
+    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
+    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
+    if len(every) <= _SAMPLES or not fine.system.n_eta:
+        return every
+    lift = _lift(Equations(fine.system).mass(fine.y[0])[m:, m:])
+    squares = _squares(fine, coarse.y - fine.y, lift)
+    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
+    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
+
+
+def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
+    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
+    m = int(fine.system.rigid.nv)
+    lift = _lift(mass[m:, m:])
+    apart, whole = (
+        _squares(fine, y, lift).max(axis=1, initial=0.0) ** 0.5 for y in (coarse.y - fine.y, fine.y)
+    )
+    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
+    return strain, force
+
+
+def _lift(M: Array) -> Array:
+    """L with L L' the inverse of a mass matrix, without the coordinates that have no mass."""
+    w, V = np.linalg.eigh(M)
+    some = w > 1e-13 * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
+    return np.asarray(V[:, some] / np.sqrt(w[some]))
+
+
+def _squares(run: Run, y: Array, lift: Array) -> Array:
+    """Energy of strain, and its forces squared over the mass (`_lift` of it), shape (2, nt)."""
+    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
+    force = eta @ run.system.K[m:, m:]
+    lifted = force @ lift
+    return np.abs([np.einsum("ki,ki->k", *x) for x in ((force, eta), (lifted, lifted))])

@@ -9,16 +9,16 @@ round-off sets, and the last run that differed tells how high that is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array
 from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.collocation import Alpha, Collocation
@@ -27,13 +27,17 @@ from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.modes import default_step, modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
-from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.kinematics import Samples
-from pinflex.recovery.links import resultants, stresses
 from pinflex.results.views import statistics
-from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.threads import one_blas_thread
+from pinflex.solver.judge import (
+    CONTROL,
+    PART,
+    Expected,
+    Judge,
+    elastic_apart,
+    expected,
+    few,
+    force_errors,
+)
 
 if TYPE_CHECKING:
     from pinflex.solver.scene import Progress, Scene
@@ -86,100 +90,6 @@ def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
         "not need it, write `damping: {modal: 0.01}`, which lets it die (for one run: --set "
         f"'damping={{modal: 0.01}}');{spared}{woken} a smoother motion does not wake it.",
     )
-
-
-# How far two runs of one system differ in what follows from accelerations: forces and stresses.
-#
-# Stress and section forces relative to their largest values, all sections of all links together;
-# the acceleration of the platform likewise. They take a pass over the samples: few are looked at,
-# those that differ most, and only where strain differs enough, or somebody asks.
-
-_SAMPLES = 51  # the worst of so many pieces
-_PARTS = slice(0, 3), slice(3, 6)  # of section forces: N, N m
-
-Told = Callable[[], Mapping[str, float]]
-
-
-def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
-    """Function that finds the estimated errors, once."""
-
-    @cache
-    def told() -> dict[str, float]:
-        some = _worst_of_run(coarse, fine)
-        a, b = (Samples(mechanism, run.at(some)) for run in (coarse, fine))
-        with one_blas_thread():
-            found = _differences(a, b)
-        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
-
-    return told
-
-
-def _differences(a: Samples, b: Samples) -> dict[str, float]:
-    """Largest differences of stress, section forces and the platform's acceleration, relative.
-
-    Forces and moments of a section have scales of their own.
-    """
-    mine, theirs = (_quantities(x) for x in (a, b))
-    found: dict[str, float] = {}
-    for (key, x), (_, y) in zip(mine, theirs, strict=True):
-        scale = float(np.max(np.abs(y), initial=0.0))
-        if scale > 0.0:
-            apart = float(np.max(np.abs(x - y), initial=0.0)) / scale
-            found[key] = max(found.get(key, 0.0), apart)
-    return found
-
-
-def _quantities(samples: Samples) -> list[tuple[str, Array]]:
-    """What is compared, with the output that it belongs to."""
-    mechanism, found = samples.mechanism, list[tuple[str, Array]]()
-    if samples.run.system.expansion.slots:  # a rigid run has none
-        forces = resultants(samples)
-        cut = np.concatenate([*forces.values()], axis=1)
-        sections = {name: mechanism.parts[name].spec.section for name in forces}
-        every = [stresses(sections[name], force)["von_mises"] for name, force in forces.items()]
-        found = [("stress", np.concatenate(every, axis=1))]
-        found += [("section forces", cut[:, :, s]) for s in _PARTS]
-    if platform := mechanism.description.platform:
-        moved = samples.kinematics.arrays[f"frame/{platform}/acceleration"][:, :3]
-        found.append(("platform acceleration", moved))
-    return found
-
-
-def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
-    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
-    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
-    if len(every) <= _SAMPLES or not fine.system.n_eta:
-        return every
-    lift = _lift(Equations(fine.system).mass(fine.y[0])[m:, m:])
-    squares = _squares(fine, coarse.y - fine.y, lift)
-    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
-    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
-
-
-def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
-    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
-    m = int(fine.system.rigid.nv)
-    lift = _lift(mass[m:, m:])
-    apart, whole = (
-        _squares(fine, y, lift).max(axis=1, initial=0.0) ** 0.5 for y in (coarse.y - fine.y, fine.y)
-    )
-    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
-    return strain, force
-
-
-def _lift(M: Array) -> Array:
-    """L with L L' the inverse of a mass matrix, without the coordinates that have no mass."""
-    w, V = np.linalg.eigh(M)
-    some = w > 1e-13 * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
-    return np.asarray(V[:, some] / np.sqrt(w[some]))
-
-
-def _squares(run: Run, y: Array, lift: Array) -> Array:
-    """Energy of strain, and its forces squared over the mass (`_lift` of it), shape (2, nt)."""
-    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
-    force = eta @ run.system.K[m:, m:]
-    lifted = force @ lift
-    return np.abs([np.einsum("ki,ki->k", *x) for x in ((force, eta), (lifted, lifted))])
 
 
 _FIRST = 0.5  # resolution of the first steps, of the tolerance
@@ -323,6 +233,7 @@ _WINDOWS = (1 / 64, 1 / 16, 1 / 4, 1.0)  # of a run: whether another one has par
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
+_HALF = 0.5  # of the tolerance, that an estimate may have which trusts that finer runs are better
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
 
 
@@ -356,9 +267,11 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
-    every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
-    to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by all
-    that the two differ by, and what the first step of a pilot misses would show as that.
+    every resolution: each run cuts these times in twice as many steps at least. What its jumps wake
+    is followed late, and Newton's rests add up: of what two runs differ by the finer one is off by
+    0.03 to 0.9, so that all of it is told, and need not be half of the tolerance. Where a joint
+    comes to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by
+    all that the two differ by, and what the first step of a pilot misses would show as that.
     """
 
     def attempt(resolution: float, coarser: Run | None, t: Array = t) -> Run:
@@ -367,10 +280,12 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
         return scene.resolved(t, resolution, progress, coarser, pilot, finer)
 
     abrupt = scene.sticks or scene.bends
-    first, gain = (_STICKING * tol, 1.0) if abrupt else (min(8.0 * tol, _COARSEST), 3.0)
+    first = _STICKING * tol if abrupt else min(8.0 * tol, _COARSEST)
+    gain = 1.0 if abrupt or scene.sampled else 3.0
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
-    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
+    part = 1.0 if scene.sampled and not abrupt else _HALF
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain, part).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -421,8 +336,13 @@ class _Refinement:
         first: float,
         ratio: float,
         gain: float,
+        part: float = _HALF,
     ) -> None:
-        """`attempt`: a run of a size, with the coarser one or None, and perhaps other samples."""
+        """`attempt`: a run of a size, with the coarser one or None, and perhaps other samples.
+
+        `part`: of the tolerance, that an estimate may have.
+        """
+        self.enough = part * tol
         self.scene, self.tol, self.attempt = scene, tol, attempt
         self.size, self.ratio, self.gain = first, ratio, gain
         self.compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
@@ -434,11 +354,11 @@ class _Refinement:
         self.loose = scene.bends and any(loop.clearance is not None for loop in loops)
 
     def run(self) -> Run:
-        """The first run whose estimate is half of the tolerance."""
+        """The first run whose estimate is within its part of the tolerance."""
         if self.loose:
             with suppress(ConvergenceError):  # finer ones may pass
                 one, other = self._beside()
-                within = len(one.t) == len(other.t) and _worst(other) <= 0.5 * self.tol
+                within = len(one.t) == len(other.t) and _worst(other) <= self.enough
                 return other if within else self._parted(one, other)
         coarse: Run | None = None
         before_last: Run | None = None
@@ -451,7 +371,7 @@ class _Refinement:
                     return self._at_round_off(coarse, fine)
                 self.last = self._judged(coarse, fine)
                 before, worst = worst, _worst(self.last)
-                if worst <= 0.5 * self.tol:
+                if worst <= self.enough:
                     return self.last
                 self.worse += worst > before
                 if fine.signals is not None and fine.signals.said and worst > _NO_BETTER * before:
@@ -549,7 +469,7 @@ class _Refinement:
             longer *= self.ratio
             coarse, self.runs = self.attempt(longer, None), self.runs + 1
         last = self._judged(coarse, fine)
-        if _worst(last) <= 0.5 * self.tol:
+        if _worst(last) <= self.enough:
             return last
         raise floor(self.scene, self.tol, last)
 
@@ -560,10 +480,7 @@ class _Refinement:
         settings: Settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
         warnings = (*fine.warnings, *ringing(self.scene, fine))
-        # Stiff vibration that a digital controller wakes is resolved late: of stresses and platform
-        # accelerations the finer run is off by up to 1.2 of what the two differ by (ur5).
-        gain = 1.0 if self.scene.sampled else self.gain
-        judged = force_errors(self.scene.mechanism, coarse, fine, gain)
+        judged = force_errors(self.scene.mechanism, coarse, fine, self.gain)
         return replace(fine, settings=settings, cost=each, warnings=warnings, judged=judged)
 
     def _not_reached(self) -> ConvergenceError:
