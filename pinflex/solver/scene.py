@@ -414,9 +414,7 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
-        if problem.sampler is not None:
-            signals = problem.sampler.signals(run.t, run.y)
-            run = replace(run, signals=signals, warnings=(*run.warnings, *signals.said))
+        run = problem.told(run, self.mechanism, self.spec)
         return start.told(after_jumps(problem, run, breaks(self.motion, self._loads)))
 
     def _problem(self, t: Array, dynamics: Equations) -> Problem:

@@ -374,12 +374,17 @@ class _Refinement:
                 if worst <= self.enough:
                     return self.last
                 self.worse += worst > before
-                if fine.signals is not None and fine.signals.said and worst > _NO_BETTER * before:
+                if worst > _NO_BETTER * before and self._unstable(fine):
                     break  # a loop that is not stable parts runs as chance does
             self.size, before_last, coarse = self.size / self.ratio, coarse, fine
         if self.scene.bends and self.last is not None and before_last is not None:
             return self._parted(before_last, self.last)
         raise self._not_reached()
+
+    def _unstable(self, run: Run) -> bool:
+        """Whether a run has a digital controller whose loop is not stable."""
+        said = () if run.signals is None else run.signals.said
+        return bool(said or (run.loop is not None and run.loop()))
 
     def _beside(self) -> tuple[Run, Run]:
         """Two runs of sizes that follow each other: of the coarser one as much as shows where pins
@@ -486,10 +491,12 @@ class _Refinement:
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
         key, change = max(self.last.settings["error"].items(), key=lambda item: item[1])
+        loop = self.last.loop
+        words = " ".join((*self.last.warnings, *(() if loop is None else loop())))
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
             f"{change:.2g} after {self.runs} runs. {Ending.TOL_NOT_REACHED.value} "
-            f"error.result holds the last run. {' '.join(self.last.warnings)}",
+            f"error.result holds the last run. {words}",
             ending=Ending.TOL_NOT_REACHED,
         )
         failed.result = self.last

@@ -18,8 +18,8 @@ Claims:
     - a transfer function as law, continuous or discrete, with a delay | python-control's closed
       loop | 1e-7 | passes
     - flexible arm on a hub under a digital law: hub and tip | discrete linear model | 1e-5 | passes
-    - a loop that shakes its robot is named | kd T = 2 J of a sampled mass | named 10 % beyond it,
-      not 10 % before | passes
+    - a loop that shakes its robot is named, one that begins to late, too | kd T = 2 J of a sampled
+      mass | named 10 % beyond it, not 10 % before | passes
     - torque limit holds; the PID's integral does not wind up | loop on the exact discrete mass |
       1e-9 | passes; overshoot 0.29 for 1.86 rad
 """
@@ -308,10 +308,21 @@ def test_a_loop_that_shakes_its_robot_is_named(free: pf.Mechanism) -> None:
         assert np.isnan(pf.margins(free, control).rows[0].low) == shakes
         for words in said:
             assert (
-                "arm_joint (by 39.8 each time)" in words
+                "arm_joint (by 40 each time)" in words  # from limit to limit
                 and "nearly every sample" in words
                 and "50 Hz" in words
             )
+
+
+def test_a_loop_that_begins_to_shake_late_is_named(free: pf.Mechanism) -> None:
+    """Its gain on the speed is half of what is stable, and from 0.7 s on one and a half times."""
+
+    def law(t: float, m: Array, rate: Array, total: Array) -> Array:
+        return 40.0 * (1.0 - m) - (0.5 if t < 0.7 else 1.5) * 2 * J / PERIOD * rate
+
+    control = pf.Control(ARM, HUB, law, period=PERIOD, limit=(20.0,))
+    (words,) = [x for x in run(free, control).meta["warnings"] if x.startswith("control: ")]
+    assert "arm_joint (by 40 each time)" in words
 
 
 def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
