@@ -145,7 +145,7 @@ def unstable(
     """
     period, free = control.period, drives_motors(mechanism, control) or spec.drive == "torque"
     assert period is not None
-    with suppress(PinflexError), one_blas_thread():
+    with suppress(PinflexError, np.linalg.LinAlgError), one_blas_thread():
         law, placed = _law(mechanism.name, control), place(mechanism, control, not free)
         for now, q in zip(t, poses, strict=True):
             z = np.linalg.eigvals(_loop(mechanism, placed, law, free, q, spec)._closed(1.0))
