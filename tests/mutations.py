@@ -332,8 +332,8 @@ altered("pinflex.levels.ked", "np.add.at(load, at, change)", "pass")
     ),
     "coupled by tol keeps the force before a jump": (
         """
-from pinflex.integrators.problem import Problem
-Problem.after_jumps = lambda self, run, breaks: run
+import pinflex.solver.scene as scene
+scene.after_jumps = lambda problem, run, breaks: run
 """,
         ["tests/levels/test_jumps.py"],
     ),

@@ -308,9 +308,9 @@ class Sampler:
         return Signals(one.control.labels, self._other, u, m, self._said())
 
     def _said(self) -> tuple[str, ...]:
-        """A sentence where an output has turned round at nearly every sample, by much; or none."""
+        """A sentence where an output turns round at nearly every sample in the end; or none."""
         labels, u = self.feedback.control.labels, np.array([u for _, u in self._log])
-        way = np.diff(u, axis=0)
+        way = np.diff(u, axis=0)[-max(_FEW, len(u) // 4) :]
         if len(way) < _FEW:
             return ()
         turned = np.mean(way[1:] * way[:-1] < 0.0, axis=0)

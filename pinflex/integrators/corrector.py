@@ -116,6 +116,8 @@ _ROUNDS = 8
 _LEFT = 1e-6  # of the first correction: no output shows it
 _FAINT = 1e-6  # of the largest acceleration: of a smaller first one, as at rest, round-off is left
 _SINGULAR = 1e13  # condition: coordinates without mass have no acceleration of their own
+_AFTER = 1e-9  # s: what stiffness counts beside damping in the rate of a balance
+_NONE = 1e-11  # of the largest, roots of the diagonal: what is below is no mass
 
 
 @dataclass(frozen=True)
@@ -138,9 +140,12 @@ class Inside:
     def __call__(self, run: Run) -> Run:
         """The run with accelerations and multipliers that solve the equations.
 
-        As it was where coordinates have no mass, or corrections do not shrink.
+        As it was where corrections do not shrink.
         """
-        some = np.flatnonzero(on_marks(run.t, self.jumps) == (self.h == 0.0))
+        return self.at(run, np.flatnonzero(on_marks(run.t, self.jumps) == (self.h == 0.0)))
+
+    def at(self, run: Run, some: IntArray) -> Run:
+        """The same at some of its samples."""
         if not len(some):
             return run
         at, dynamics = run.at(some), Equations(run.system)
@@ -195,32 +200,71 @@ class Inside:
         soft = (self.h * _BY_V * C + self.h**2 * _BY_Y * K)[at]
         S = saddle_matrix(M[at] + soft, J[:, self.free])
         size = np.ones(len(S))
-        size[:n] = np.sqrt(np.maximum(np.abs(np.diag(S)[:n]), 1e-300))
+        size[:n] = np.sqrt(np.abs(np.diag(S)[:n]))
+        size[size <= _NONE * size[:n].max(initial=0.0)] = 1.0
         scaled = S / (size[:, None] * size)
         try:
             inverse = np.linalg.inv(scaled)
         except np.linalg.LinAlgError:
-            return None
+            inverse = np.full_like(scaled, np.inf)
         if not np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1) < _SINGULAR:
-            return None
+            if self.h > 0.0:
+                return None
+            inverse = _inverse_of_rest(
+                scaled, (C[at] + _AFTER * K[at]) / np.outer(size[:n], size[:n])
+            )
         return inverse / (size[:, None] * size), soft, J
 
 
-def as_held(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
-    """A run under a digital controller, whose signals it has, with forces as they are held.
+def _inverse_of_rest(S: Array, rates: Array) -> Array:
+    """Inverse of a saddle matrix (m, m) where coordinates have no mass.
 
-    A step that ends at an instant has those just before it, signals are those just after. Stiff
-    coordinates that die away in microseconds begin there with accelerations that no polynomial of a
-    step knows: they are solved for, where they are asked for.
+        S x = b,     U' rates x = 0
+
+    What nothing accelerates, U (m, k) of it, is in balance before and after a jump: the balance's
+    own rate does not jump, that of dampers or, where there are none, of springs.
     """
-    assert problem.sampler is not None
-    marks = (*problem.sampler.instants(float(run.t[-1])), *breaks)
+    U, sigma, _ = np.linalg.svd(S)
+    U, n = U[:, sigma * _SINGULAR < sigma[0]], len(rates)
+    rows = U[:n].T @ rates
+    rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+    whole = S.copy()
+    whole[:, :n] += U @ rows
+    return np.asarray(np.linalg.pinv(whole) @ (np.eye(len(S)) - U @ U.T))
+
+
+def after_jumps(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
+    """The run with accelerations and forces just after a jump at each sample that lies on one.
+
+    A step that ends there has those just before it; the motion and all other levels have those
+    after. At breaks without a jump the run stays as it is.
+
+    Under a digital controller, whose signals the run has, every instant is a jump. Stiff
+    coordinates that die away in microseconds begin there with accelerations that no polynomial of a
+    step knows: where motors are driven they are solved for when they are asked for.
+    """
+    t, motors, marks = run.t, problem.motors, tuple[float, ...]()
+    if problem.sampler is not None:
+        marks = (*problem.sampler.instants(float(t[-1])), *breaks)
+        at = np.flatnonzero(on_marks(t, marks))
+    else:
+        kicks = [x for f, _ in run.system.loads.forces for x in f.corners if x > 0.0]
+        on = np.flatnonzero(on_marks(t, breaks))
+        on = on[problem.jumps(t[on], t)] if len(on) else on
+        at = np.union1d(on, np.flatnonzero(on_marks(t, kicks)))
     settle = Inside(problem.free, problem.push, marks, 0.0)
-    if not problem.prescribed:
-        return replace(run, torque=settle.push(run)[:, problem.motors], settle=settle)
-    run, torque = settle(run), run.torque.copy()
-    at = np.flatnonzero(on_marks(run.t, marks))
+    if marks and not problem.prescribed:
+        return replace(run, torque=settle.push(run)[:, motors], settle=settle)
+    if not len(at):
+        return run
+    if problem.prescribed:
+        a = run.a.copy()
+        a[np.ix_(at, motors)] = problem.path(t[at]).acceleration
+        run = replace(run, a=a)
+    run, torque = settle.at(run, at), run.torque.copy()
     some = run.at(at)
-    r = problem.dynamics.residual(some.y, some.v, some.a, some.lam, some.t).r
-    torque[at] = (r - settle.push(some))[:, problem.motors]
+    push = settle.push(some)
+    if problem.prescribed:
+        push = problem.dynamics.residual(some.y, some.v, some.a, some.lam, some.t).r - push
+    torque[at] = push[:, motors]
     return replace(run, torque=torque)

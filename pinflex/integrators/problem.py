@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.doors import door
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -24,6 +26,7 @@ from pinflex.text import frozen
 if TYPE_CHECKING:
     from pinflex.actuation.drive import Nominal, TorqueDrive
     from pinflex.actuation.feedback import Sampler, Signals
+    from pinflex.description.solve import SolveSpec
     from pinflex.mechanics.mechanism import Mechanism
     from pinflex.mechanics.model.system import System
     from pinflex.results.result import Result
@@ -211,23 +214,6 @@ class Problem:
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
 
-    def after_jumps(self, run: Run, breaks: Sequence[float]) -> Run:
-        """The run with accelerations and forces just after a jump at each sample that lies on one.
-
-        A step that ends there has those just before; the motion and all other levels have those
-        after. At breaks without a jump the run stays as it is.
-        """
-        loads = self.dynamics.system.loads.forces
-        kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
-        on = np.flatnonzero(on_marks(run.t, breaks))
-        jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
-        jumps = np.union1d(jumps, np.flatnonzero(on_marks(run.t, kicks)))
-        a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
-        for k in jumps:
-            after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
-            a[k], lam[k], torque[k] = after.a, after.lam, after.torque
-        return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
-
     def jumps(self, t: Array, samples: Array) -> IntArray:
         """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
         path = self.path(np.concatenate([samples, t])).acceleration
@@ -263,6 +249,22 @@ class Problem:
             return push
 
         return at_samples
+
+    def told(self, run: Run, mechanism: Mechanism, spec: SolveSpec) -> Run:
+        """The run with what a digital controller did, and with what is to be said of that."""
+        if self.sampler is None:
+            return run
+        signals, control = self.sampler.signals(run.t, run.y), self.sampler.feedback.control
+        some, n = np.linspace(0, len(run.t) - 1, 3).astype(int), int(run.system.rigid.nq)
+        poses = run.t[some], run.y[some, :n]
+
+        @cache
+        def loop() -> tuple[str, ...]:
+            check = door("studies.margins", "unstable")
+            return tuple(check(mechanism, control, spec, *poses))
+
+        words = (*run.warnings, *signals.said)
+        return replace(run, signals=signals, warnings=words, loop=None if signals.said else loop)
 
     @property
     def control_force(self) -> Array | None:
@@ -365,6 +367,7 @@ class Run:
             longer than the samples have less accurately; None: they are solved.
         judged: Finds estimated errors of forces and stresses, by output; None: not estimated.
         several: Finds statistics of more runs, by motor, where a single one means little; or None.
+        loop: Finds what is to be said of a digital controller's loop; None: nothing is to be found.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
 
@@ -385,6 +388,7 @@ class Run:
     settle: Callable[[Run], Run] | None = None
     judged: Callable[[], Mapping[str, float]] | None = None
     several: Callable[[], Mapping[str, Any]] | None = None
+    loop: Callable[[], tuple[str, ...]] | None = None
 
     def at(self, k: slice | IntArray) -> Run:
         """Some of its instants."""

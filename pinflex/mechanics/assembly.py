@@ -204,7 +204,10 @@ def singularity(
     time: float | None = None,
     what: tuple[str, str] = ("passive loop Jacobian", "all motors locked"),
 ) -> SingularityError:
-    """The error that names a singular pose: which loop, which motion, sigma_min."""
+    """The error that names a singular pose: which loop, which motion, sigma_min.
+
+    `time` [s] of a motion; None: the pose is home.
+    """
     loop, motion = null_motion(J, rows, columns)
     sigma = np.linalg.svd(J, compute_uv=False)
     ratio = singular_ratio(J)
@@ -212,7 +215,7 @@ def singularity(
     lost = rank < J.shape[1]
     kind = "singular pose" if lost else "nearly singular pose"
     advice = "Choose a path that avoids this pose, or start from another branch."
-    if where.endswith("home"):
+    if time is None:
         advice = "Give a `home` away from this pose."
     measure = f"has rank {rank} of {J.shape[1]} (" if lost else "is losing rank ("
     return SingularityError(

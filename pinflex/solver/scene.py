@@ -21,7 +21,7 @@ from pinflex.errors import DescriptionError, RunInterrupted, SceneError
 from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
-from pinflex.integrators.corrector import as_held
+from pinflex.integrators.corrector import after_jumps
 from pinflex.integrators.march import FIRM, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
@@ -414,12 +414,8 @@ class Scene:
         except (SceneError, RunInterrupted) as stop:
             _tell(stop, start)
             raise
-        jumps = breaks(self.motion, self._loads)
-        if problem.sampler is None:
-            return start.told(problem.after_jumps(run, jumps))
-        signals = problem.sampler.signals(run.t, run.y)
-        run = replace(run, signals=signals, warnings=(*run.warnings, *signals.said))
-        return start.told(as_held(problem, run, jumps))
+        run = problem.told(run, self.mechanism, self.spec)
+        return start.told(after_jumps(problem, run, breaks(self.motion, self._loads)))
 
     def _problem(self, t: Array, dynamics: Equations) -> Problem:
         """What a run solves, with the digital controller that acts in it."""

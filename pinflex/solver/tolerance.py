@@ -292,6 +292,7 @@ _WINDOWS = (1 / 64, 1 / 16, 1 / 4, 1.0)  # of a run: whether another one has par
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
 _LONGEST = 10.0  # resolution of a run that follows nothing
+_HALF = 0.5  # of the tolerance, that an estimate may have which trusts that finer runs are better
 _FAILURES = 2  # runs that may break off, or change more than the last, before it is given up
 
 
@@ -325,9 +326,11 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
-    every resolution: each run cuts these times in twice as many steps at least. Where a joint comes
-    to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by all
-    that the two differ by, and what the first step of a pilot misses would show as that.
+    every resolution: each run cuts these times in twice as many steps at least. What its jumps wake
+    is followed late, and Newton's rests add up: of what two runs differ by the finer one is off by
+    0.03 to 0.9, so that all of it is told, and need not be half of the tolerance. Where a joint
+    comes to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by
+    all that the two differ by, and what the first step of a pilot misses would show as that.
     """
 
     def attempt(resolution: float, coarser: Run | None, t: Array = t) -> Run:
@@ -336,10 +339,12 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
         return scene.resolved(t, resolution, progress, coarser, pilot, finer)
 
     abrupt = scene.sticks or scene.bends
-    first, gain = (_STICKING * tol, 1.0) if abrupt else (min(8.0 * tol, _COARSEST), 3.0)
+    first = _STICKING * tol if abrupt else min(8.0 * tol, _COARSEST)
+    gain = 1.0 if abrupt or scene.sampled else 3.0
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
-    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
+    part = 1.0 if scene.sampled and not abrupt else _HALF
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain, part).run()
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -390,8 +395,13 @@ class _Refinement:
         first: float,
         ratio: float,
         gain: float,
+        part: float = _HALF,
     ) -> None:
-        """`attempt`: a run of a size, with the coarser one or None, and perhaps other samples."""
+        """`attempt`: a run of a size, with the coarser one or None, and perhaps other samples.
+
+        `part`: of the tolerance, that an estimate may have.
+        """
+        self.enough = part * tol
         self.scene, self.tol, self.attempt = scene, tol, attempt
         self.size, self.ratio, self.gain = first, ratio, gain
         self.compare = Outputs(scene.mechanism, scene.motion, t, scene.spec.asked or ASKED)
@@ -403,11 +413,11 @@ class _Refinement:
         self.loose = scene.bends and any(loop.clearance is not None for loop in loops)
 
     def run(self) -> Run:
-        """The first run whose estimate is half of the tolerance."""
+        """The first run whose estimate is within its part of the tolerance."""
         if self.loose:
             with suppress(ConvergenceError):  # finer ones may pass
                 one, other = self._beside()
-                within = len(one.t) == len(other.t) and _worst(other) <= 0.5 * self.tol
+                within = len(one.t) == len(other.t) and _worst(other) <= self.enough
                 return other if within else self._parted(one, other)
         coarse: Run | None = None
         before_last: Run | None = None
@@ -420,15 +430,20 @@ class _Refinement:
                     return self._at_round_off(coarse, fine)
                 self.last = self._judged(coarse, fine)
                 before, worst = worst, _worst(self.last)
-                if worst <= 0.5 * self.tol:
+                if worst <= self.enough:
                     return self.last
                 self.worse += worst > before
-                if fine.signals is not None and fine.signals.said and worst > _NO_BETTER * before:
+                if worst > _NO_BETTER * before and self._unstable(fine):
                     break  # a loop that is not stable parts runs as chance does
             self.size, before_last, coarse = self.size / self.ratio, coarse, fine
         if self.scene.bends and self.last is not None and before_last is not None:
             return self._parted(before_last, self.last)
         raise self._not_reached()
+
+    def _unstable(self, run: Run) -> bool:
+        """Whether a run has a digital controller whose loop is not stable."""
+        said = () if run.signals is None else run.signals.said
+        return bool(said or (run.loop is not None and run.loop()))
 
     def _beside(self) -> tuple[Run, Run]:
         """Two runs of sizes that follow each other: of the coarser one as much as shows where pins
@@ -518,7 +533,7 @@ class _Refinement:
             longer *= self.ratio
             coarse, self.runs = self.attempt(longer, None), self.runs + 1
         last = self._judged(coarse, fine)
-        if _worst(last) <= 0.5 * self.tol:
+        if _worst(last) <= self.enough:
             return last
         raise floor(self.scene, self.tol, last)
 
@@ -529,19 +544,18 @@ class _Refinement:
         settings: Settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
         warnings = (*fine.warnings, *ringing(self.scene, fine))
-        # Stiff vibration that a digital controller wakes is resolved late: of stresses and platform
-        # accelerations the finer run is off by up to 1.2 of what the two differ by (ur5).
-        gain = 1.0 if self.scene.sampled else self.gain
-        judged = force_errors(self.scene.mechanism, coarse, fine, gain)
+        judged = force_errors(self.scene.mechanism, coarse, fine, self.gain)
         return replace(fine, settings=settings, cost=each, warnings=warnings, judged=judged)
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
         key, change = max(self.last.settings["error"].items(), key=lambda item: item[1])
+        loop = self.last.loop
+        words = " ".join((*self.last.warnings, *(() if loop is None else loop())))
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
             f"{change:.2g} after {self.runs} runs. {Ending.TOL_NOT_REACHED.value} "
-            f"error.result holds the last run. {' '.join(self.last.warnings)}",
+            f"error.result holds the last run. {words}",
             ending=Ending.TOL_NOT_REACHED,
         )
         failed.result = self.last

@@ -10,6 +10,7 @@ response has to be found among the many resonances of a flexible robot.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -20,7 +21,8 @@ from pinflex.actuation.feedback import Feedback, drives_motors, fresh_law, place
 from pinflex.arrays import Array
 from pinflex.boundary import public
 from pinflex.description.blocks.control import Control, DigitalPid, LinearLaw, Pid
-from pinflex.errors import DescriptionError
+from pinflex.description.solve import SolveSpec
+from pinflex.errors import DescriptionError, PinflexError
 from pinflex.inversion.linear_model import Balanced
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.report import Table
@@ -127,10 +129,36 @@ def margins(
     law = _law(mechanism.name, control)
     rows: list[MarginRow] = []
     for k, q in enumerate([None] if poses is None else poses):
-        loop = _loop(mechanism, placed, law, free, q)
+        loop = _loop(mechanism, placed, law, free, q, mechanism.description.solve)
         for drive, on in _drives(control):
             rows.append(MarginRow(k, drive, *_found(loop, on)))
     return Margins(mechanism.name, tuple(rows))
+
+
+def unstable(
+    mechanism: Mechanism, control: Control, spec: SolveSpec, t: Array, poses: Array
+) -> tuple[str, ...]:
+    """A sentence where the loop, linearised at poses that a run had at times t (s), is not stable.
+
+    It is where something grows by a factor e within the run. None for laws that are any function,
+    and for poses without equilibrium: nothing is known there.
+    """
+    period, free = control.period, drives_motors(mechanism, control) or spec.drive == "torque"
+    assert period is not None
+    with suppress(PinflexError, np.linalg.LinAlgError), one_blas_thread():
+        law, placed = _law(mechanism.name, control), place(mechanism, control, not free)
+        for now, q in zip(t, poses, strict=True):
+            z = np.linalg.eigvals(_loop(mechanism, placed, law, free, q, spec)._closed(1.0))
+            worst = z[np.argmax(np.abs(z))]
+            grows = period / np.log(max(abs(worst), 1.0 + _OUTSIDE))
+            if grows < t[-1]:
+                rate = abs(np.angle(worst)) / (2.0 * np.pi * period)
+                return (
+                    f"control: linearised at t = {now:.4g} s the loop is not stable: what is at "
+                    f"{rate:.4g} Hz grows by a factor e every {grows:.2g} s. Lower its gains or "
+                    "its delay, or shorten `period`; pf.margins(robot, control) tells how far.",
+                )
+    return ()
 
 
 def _drives(control: Control) -> list[tuple[str, Array]]:
@@ -261,7 +289,9 @@ class _Loop:
         return self.known[h]
 
 
-def _loop(mechanism: Mechanism, placed: Feedback, law: _Law, free: bool, q: Array | None) -> _Loop:
+def _loop(
+    mechanism: Mechanism, placed: Feedback, law: _Law, free: bool, q: Array | None, spec: SolveSpec
+) -> _Loop:
     """The loop at a pose."""
     control, about = placed.control, Balanced.of(mechanism, q)
     assert control.period is not None
@@ -278,7 +308,6 @@ def _loop(mechanism: Mechanism, placed: Feedback, law: _Law, free: bool, q: Arra
         A, B, C = A[np.ix_(moves, moves)], B[moves, still:], C[:, moves]
     else:  # motors that it does not drive keep theirs
         own = np.any(placed.B[motors] != 0.0, axis=1)
-        spec = mechanism.description.solve
         kp, kd = (np.where(own, 0.0, x) for x in (spec.kp, spec.kd))
         A = A - B[:, :nm] @ (kp[:, None] * C[2 * n : 2 * n + nm] + kd[:, None] * C[2 * n + nm :])
         B = B[:, nm:]

@@ -10,14 +10,16 @@ Claims:
       a hold, with and without the kernel: states, accelerations and force just after the instants;
       acceleration between them | exponential of its matrix | 1e-3 (the tolerance); less than told
       | 4e-5; 0.1 of it
+    - the same where what lies between has no mass, with and without dampers | exponential of its
+      matrix | 1e-6 | 7e-9
     - `control` with `period` in the YAML: PID with limit and delay; motion followed with the rigid
       torque | law as a loop on the exact discrete mass; a controller made in Python from the
       motion's formula | 1e-12; 1e-6 rad | passes; 1e-9
     - a transfer function as law, continuous or discrete, with a delay | python-control's closed
       loop | 1e-7 | passes
     - flexible arm on a hub under a digital law: hub and tip | discrete linear model | 1e-5 | passes
-    - a loop that shakes its robot is named | kd T = 2 J of a sampled mass | named 10 % beyond it,
-      not 10 % before | passes
+    - a loop that shakes its robot is named, one that begins to late, too | kd T = 2 J of a sampled
+      mass | named 10 % beyond it, not 10 % before | passes
     - torque limit holds; the PID's integral does not wind up | loop on the exact discrete mass |
       1e-9 | passes; overshoot 0.29 for 1.86 rad
 """
@@ -175,6 +177,54 @@ def test_what_dies_within_a_hold_begins_with_what_it_is_given(
     assert off < told["platform acceleration"]  # between instants, too; seen: 0.007 of 0.048
 
 
+@pytest.mark.parametrize("dampers", [(20.0, 3.0), (0.0, 0.0)])
+def test_what_has_no_mass_begins_a_hold_in_balance(
+    dampers: tuple[float, float], tmp_path: Path
+) -> None:
+    """A cart, a pin without mass, a bob: the pin's balance gives its speed, its rate the rest.
+
+    d1 z1' + k1 z1 = d2 z2' + k2 z2 with z1 + z2 = s; without dampers z1 is a part of s.
+    """
+    (d1, d2), k1, k2, bob, period, parts = dampers, 2000.0, 500.0, 0.2, 1e-3, 5
+    gains, target = np.array([9e3, 2e5, 150.0]), 0.01
+    robot = scenes.load(
+        tmp_path,
+        [
+            scenes.Body("cart", "base", "prismatic", axis=(0, 1, 0), mass=CART),
+            scenes.Body("pin", "cart", "prismatic", axis=(0, 1, 0)),
+            scenes.Body("bob", "pin", "prismatic", axis=(0, 1, 0), mass=bob),
+        ],
+        "gravity: [0, 0, 0]\nactuated: [cart_joint]\nplatform: bob\n"
+        f"joints: {{pin_joint: {{spring: {k1}, damper: {d1}}}, "
+        f"bob_joint: {{spring: {k2}, damper: {d2}}}}}\n"
+        "motion: {kind: hold, duration: 0.05}\n",
+    )
+    control = pf.Control(
+        (pf.Travel("cart_joint"),), (pf.Effort("cart_joint"),),
+        pf.digital_pid(*gains, period=period, reference=target), period=period, limit=(np.inf,),
+    )  # fmt: skip
+    found = pf.solve(robot, level="coupled", control=control, samples=251, tol=1e-3)
+    # rows of the state (c, s, z1, c', s', u) that are z1, z1', and then c'' and s''
+    unit = np.eye(6)
+    z1 = unit[2] if d1 else k2 / (k1 + k2) * unit[1]
+    v1 = (d2 * unit[4] + k2 * (unit[1] - z1) - k1 * z1) / (d1 + d2) if d1 else z1[1] * unit[4]
+    pulls = k2 * (unit[1] - z1) + d2 * (unit[4] - v1)
+    cart = (unit[5] + k1 * z1 + d1 * v1) / CART
+    A = np.stack([unit[3], unit[4], v1, cart, -cart - pulls / bob, 0 * cart])
+    a1 = (d2 * A[4] + k2 * (unit[4] - v1) - k1 * v1) / (d1 + d2) if d1 else z1[1] * A[4]
+    ahead, x, integral, exact = expm(A * period / parts), np.zeros(6), 0.0, []
+    for k in range(len(found.t)):
+        if k % parts == 0 and k < len(found.t) - 1:
+            x[5] = gains @ [target - x[0], integral, -x[3]]
+            integral += period * (target - x[0])
+        exact.append([A[3] @ x, a1 @ x, (A[4] - a1) @ x])
+        x = ahead @ x
+    a = np.stack([found.joint(f"{n}_joint").acceleration for n in ("cart", "pin", "bob")], axis=1)
+    apart = np.abs(a - exact)[1:] / np.abs(exact).max(axis=0)  # at the start the pin's is any
+    assert apart.max() < 1e-3, apart.max(axis=0)  # the tolerance
+    assert apart[4::5].max() < 1e-6  # just after instants
+
+
 def test_what_rests_before_a_load_comes_begins_with_what_that_does(tmp_path: Path) -> None:
     """Until then accelerations are round-off, of which no correction leaves a millionth."""
     load = "gravity: [0, 0, -9.81]\nactuated: [cart_joint]\nsolve: {start: static}\n"
@@ -258,10 +308,21 @@ def test_a_loop_that_shakes_its_robot_is_named(free: pf.Mechanism) -> None:
         assert np.isnan(pf.margins(free, control).rows[0].low) == shakes
         for words in said:
             assert (
-                "arm_joint (by 39.8 each time)" in words
+                "arm_joint (by 40 each time)" in words  # from limit to limit
                 and "nearly every sample" in words
                 and "50 Hz" in words
             )
+
+
+def test_a_loop_that_begins_to_shake_late_is_named(free: pf.Mechanism) -> None:
+    """Its gain on the speed is half of what is stable, and from 0.7 s on one and a half times."""
+
+    def law(t: float, m: Array, rate: Array, total: Array) -> Array:
+        return 40.0 * (1.0 - m) - (0.5 if t < 0.7 else 1.5) * 2 * J / PERIOD * rate
+
+    control = pf.Control(ARM, HUB, law, period=PERIOD, limit=(20.0,))
+    (words,) = [x for x in run(free, control).meta["warnings"] if x.startswith("control: ")]
+    assert "arm_joint (by 40 each time)" in words
 
 
 def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:

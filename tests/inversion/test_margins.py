@@ -4,6 +4,9 @@ Claims:
     In the loop, FMUs
     - margins of a sampled PD on an inertia | Jury's conditions of the sampled system | 2e-6 of
       gains, 3e-6 of delays (bisected to 1e-6) | 1e-6
+    - a run says that its loop is not stable, a PD and a PID on an inertia, without a delay and with
+      one of a sample | eigenvalues of the inertia's own matrix | 5 % on both sides of the border |
+      passes
     - a flexible arm oscillates just beyond its margins and settles just within | coupled runs |
       1 % of the gain, 3 % of the delay | -
 """
@@ -14,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import StateSpace
 
@@ -56,6 +60,36 @@ def test_the_delay_of_a_whole_period_by_jury(free: pf.Mechanism) -> None:
 
     (row,) = pf.margins(free, controlled(kp, kd, delay=PERIOD)).rows
     assert row.high == pytest.approx(brentq(largest, 2.0, 40.0), rel=2e-6)
+
+
+@pytest.mark.parametrize("ki", [0.0, 60.0])
+@pytest.mark.parametrize("delay", [0.0, PERIOD])
+def test_a_run_says_that_its_loop_is_not_stable(
+    ki: float, delay: float, free: pf.Mechanism
+) -> None:
+    """By eigenvalues of the inertia's own matrix, 5 % before the border and 5 % beyond it."""
+    kp, kd = 40.0, 3.0
+    whole = expm(PERIOD * np.array([[0, 1, 0], [0, 0, 1 / J], [0, 0, 0]]))
+
+    def largest(gain: float) -> float:
+        """Of q, q', the integral of the error and the output of the sample before."""
+        u, F = gain * np.array([-kp, -kd, ki, 0.0]), np.zeros((4, 4))
+        F[:2, :2] = whole[:2, :2]
+        F[:2] += np.outer(whole[:2, 2], [0, 0, 0, 1] if delay else u)
+        F[2, :3], F[3] = (-PERIOD, 0.0, 1.0 if ki else 0.0), u
+        return float(np.max(np.abs(np.linalg.eigvals(F)))) - 1.0
+
+    border = brentq(largest, 1.5, 60.0)
+    for gain, words in ((0.95 * border, False), (1.05 * border, True)):
+        law = pf.digital_pid(gain * kp, gain * ki, gain * kd, period=PERIOD, reference=0.1)
+        control = pf.Control(ARM, HUB, law, period=PERIOD, delay=delay, limit=(20.0,))
+        run = pf.solve(free, level="coupled", control=control, until=2.0, samples=201,
+                       motion=pf.hold(duration=2.0))  # fmt: skip
+        said = [x for x in run.meta["warnings"] if x.startswith("control: ")]
+        assert len(said) == words, said
+        for text in said:  # at the limits it may shake at half its rate, which is read off the run
+            grows = PERIOD / np.log1p(largest(gain))
+            assert f"every {grows:.2g} s" in text or "nearly every sample" in text
 
 
 @pytest.mark.parametrize("slow", [1.0, 0.4])

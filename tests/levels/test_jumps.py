@@ -31,6 +31,7 @@ from pinflex.description.blocks.external import FrameForce
 from pinflex.integrators.problem import Problem, Run
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.model.loads import Loads
+from pinflex.solver import scene
 from tests.scenes import UNIT_BEAM, Body, load
 
 RAMP, END = 0.5, 3.0  # s: jumps at 0.5, 1.5 and 2 s
@@ -133,13 +134,13 @@ def test_a_break_without_a_jump_leaves_the_run_as_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A cycloid ends at rest, its acceleration none but for round-off: that is no jump."""
-    seen, plain = [], Problem.after_jumps
+    seen, plain = [], scene.after_jumps
 
-    def watched(self: Problem, run: Run, breaks: list[float]) -> Run:
-        seen.append((run, breaks, plain(self, run, breaks)))
+    def watched(problem: Problem, run: Run, breaks: list[float]) -> Run:
+        seen.append((run, breaks, plain(problem, run, breaks)))
         return seen[-1][2]
 
-    monkeypatch.setattr(Problem, "after_jumps", watched)
+    monkeypatch.setattr(scene, "after_jumps", watched)
     robot = sprung(tmp_path, law="kind: cycloid")
     pf.solve(robot, level="coupled", tol=1e-5, until=3.0, samples=61)
     assert seen

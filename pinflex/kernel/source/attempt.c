@@ -200,7 +200,7 @@ static void motor_forces(const Tables *t, const March *m, double *torque) {
 
 /* What has jumped at the start of a step, with the forces that are held: the polynomial of its stages
    there, for what is read inside the step. To find it from the mass matrix takes as long as four
-   iterations: that is done after the run, for the samples there (`as_held` in corrector.py). */
+   iterations: that is done after the run, for the samples there (`after_jumps` in corrector.py). */
 static void from_stages(const March *m, const double *x, Int n, double *start) {
   for (Int i = 0; i < n; i++) start[i] = 0.0;
   for (Int k = 0; k < m->stages->s; k++)

@@ -296,6 +296,8 @@ def test_a_jacobian_of_full_rank_is_never_called_singular(tmp_path: Path) -> Non
         assert re.search(words, str(error)), error
         assert "rank 3 of 3" not in str(error)
         assert "Give a `home` away from this pose." in str(error)  # there is no path yet
+        moving = assembly.singularity(J, m.rigid.closed, names, "way back home", 0.2)
+        assert "Choose a path that avoids this pose" in str(moving)
         assert error.motion == "pin_joint"
         assert error.sigma_min == pytest.approx(ratio)
 
