@@ -41,8 +41,7 @@ STAGES = 6
 # First step, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
 LONG, SHORT = 0.02, 1e-3
-TOGETHER = 16  # steps that are judged at once, at the most, and the tangents that they may have
-_TANGENTS = 9
+TOGETHER = 8  # steps that are judged at once
 _RECORDED = 64  # steps of a batch that nobody judges
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
@@ -424,7 +423,7 @@ def integrate(
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    ends, room = (float(t[0]), float(t[-1])), (TOGETHER, _TANGENTS) if judged else (_RECORDED, 1)
+    ends, room = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1) if judged else (_RECORDED, 1)
     first = first * (ends[1] - ends[0])
     march = March(name, radau, start, ends, stops, first, room)
     march.know(scale, pilot)

@@ -219,20 +219,23 @@ class Problem:
         loads = self.dynamics.system.loads.forces
         kicks = [x for force, _ in loads for x in force.corners if x > 0.0]
         on = np.flatnonzero(on_marks(run.t, breaks))
-        jumps = on[self.jumps(run.t[on], run.t)] if len(on) else on
-        jumps = np.union1d(jumps, np.flatnonzero(on_marks(run.t, kicks)))
+        jumps = on
+        if len(on):
+            moved = run.a[:, self.motors] if self.prescribed else self.path(run.t).acceleration
+            jumps = on[self.jumps(run.t[on], moved)]
+        if kicks:
+            jumps = np.union1d(jumps, np.flatnonzero(on_marks(run.t, kicks)))
         a, lam, torque = run.a.copy(), run.lam.copy(), run.torque.copy()
         for k in jumps:
             after = self._balanced(float(run.t[k]), run.y[k], run.v[k])
             a[k], lam[k], torque[k] = after.a, after.lam, after.torque
         return replace(run, a=a, lam=lam, torque=torque) if len(jumps) else run
 
-    def jumps(self, t: Array, samples: Array) -> IntArray:
-        """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
-        path = self.path(np.concatenate([samples, t])).acceleration
-        jump = np.abs(path[len(samples) :] - self.path_inside(t).acceleration)
-        jump = jump.max(axis=1, initial=0.0)
-        largest = np.abs(path).max(initial=1e-300)  # many end in none
+    def jumps(self, t: Array, moved: Array) -> IntArray:
+        """Which of times t (k,) accelerations of the motion jump at; `moved`: those of the run."""
+        after = self.path(t).acceleration
+        jump = np.abs(after - self.path_inside(t).acceleration).max(axis=1, initial=0.0)
+        largest = max(np.abs(x).max(initial=1e-300) for x in (moved, after))  # many end in none
         return np.flatnonzero(jump > _JUMP * largest)
 
     def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:

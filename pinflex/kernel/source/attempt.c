@@ -71,20 +71,21 @@ static void predict(const Tables *t, March *m, double h) {
   for (Int j = 0; j < s * nv; j++) st->turn[j] = st->change[j] = 0.0;
 }
 
-Int free_tangent(const March *m) {
+/* Room for a tangent that no step of the batch was solved by. */
+static Int free_tangent(const March *m) {
   for (Int slot = 0; slot < m->tangents; slot++) {
     int used = 0;
     for (Int k = 1; k <= m->count; k++) used |= m->steps.tangent[k] == slot;
     if (!used) return slot;
   }
-  return -1;
+  return m->tangent;
 }
 
 /* A new tangent at the stage in the middle. */
 static void refresh(const Tables *t, char *memory, March *m) {
   Stages *st = m->stages;
-  Int k = st->s / 2, nv = t->nv, square = nv * nv, slot = free_tangent(m);
-  if (slot >= 0) m->tangent = slot;
+  Int k = st->s / 2, nv = t->nv, square = nv * nv;
+  m->tangent = free_tangent(m);
   double *M = m->tangent_at + m->tangent * tangent_width(t), *C = M + square, *K = C + square;
   Int wanted = t->joined_at[t->blocks] && !m->by_mass ? WITHIN_BLOCKS : WITH_RATES;
   pinflex_tangent(t, memory, wanted, st->y + k * t->nq, st->v + k * nv, st->a + k * nv,

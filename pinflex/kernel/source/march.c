@@ -73,7 +73,7 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
   m->count = k;
   advance(t, m);
   if (!(m->idle_from < factor && factor < m->idle_to))
-    h = size * fmin(fmax(factor, 0.5), hard ? hardening(x->rate[k]) : 5.0);
+    h = size * fmin(fmax(factor, 0.5), hard ? hardening(x->rate[k]) : 3.0);
   m->ceiling *= m->growth;
   m->h = rounded(m, fmin(h, m->ceiling));
   m->before = coarseness;
@@ -90,9 +90,11 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
     return ON;
   }
   m->follows &= kind == HOLDS;
+  /* How coarse the long step before was says nothing of the next, which is short. */
+  if (kind == RESTARTS) m->before = 0.0, m->h = fmin(m->h, m->first);
   /* In a step ten times shorter inertia counts more than stiffness: of another pose, Newton's iteration
      converges in the large and diverges in the stiff coordinates, which corrections would show. */
-  if (kind == RESTARTS) m->stale |= m->first < 0.1 * size, m->h = fmin(m->h, m->first), m->before = 0.0;
+  if (kind == RESTARTS) m->stale |= m->first < 0.1 * size;
   return (int)kind;
 }
 
@@ -148,7 +150,6 @@ static int march(const Tables *t, char *memory, March *m) {
   while (m->count < m->capacity && m->stop < m->stops) {
     if (stuck(m)) return STUCK;
     if (!m->given) {
-      if (m->tangents > 1 && free_tangent(m) < 0) return FULL; /* the judge needs those that are there */
       if (!m->landing) m->size = length(m);
       if (m->inputs->pieces == 0) return INPUTS;
     }

@@ -118,9 +118,6 @@ void body_turn(int flat, const double *move, const double *v, double *out);
 int pinflex_factor(const Tables *t, const Stages *st);
 int pinflex_factor_tangent(const Tables *t, Stages *st, const double *M);
 
-/* attempt.c: room for a tangent that no step of the batch was solved by; -1: there is none */
-Int free_tangent(const March *m);
-
 /* attempt.c: the step of length h; 0: Newton does not get there. take_inputs: where it starts, and
    what is prescribed at its stages. factor: for a step of length h, where that is not at hand. keep:
    as step `count` + 1. */
