@@ -465,7 +465,7 @@ def tables_of(mechanism: Mechanism) -> dict[str, Array]:
 
 def _kicks(problem: Problem, at: Array, t: Array) -> list[list[float]]:
     """Times at which accelerations of the motors jump, and those just after, by motor."""
-    some = at[problem.jumps(at, t)] if len(at) else at
+    some = at[problem.jumps(at, problem.path(t).acceleration)] if len(at) else at
     return np.column_stack([some, problem.path(some).acceleration]).tolist() if len(some) else []
 
 

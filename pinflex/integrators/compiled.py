@@ -13,6 +13,7 @@ from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.integrators.collocation import Collocation
 from pinflex.integrators.problem import Problem, seen_inside
+from pinflex.kernel.library import constant
 from pinflex.kernel.march import MarchKernel, StageKernel, Table
 from pinflex.mechanics.manifold import sorts_of
 
@@ -74,7 +75,7 @@ def _rows(problem: Problem) -> dict[str, IntArray]:
 # that are halved until round-off is all they miss between the points. What is not so smooth
 # (samples, other interpolations) has no table.
 
-_NODES = 25  # and as many less one between them
+_NODES = constant("MOST_NODES")  # and as many less one between them
 _FEW = 7  # where it is a polynomial of fifth degree on pieces that are known
 _ROUND_OFF = 3e-14  # of the largest value of a kind: what may be missed; seen: 2e-15
 # Of it: what may be missed where a half misses as much as its whole: the function's own round-off,

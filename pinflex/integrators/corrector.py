@@ -250,8 +250,10 @@ def after_jumps(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
     else:
         kicks = [x for f, _ in run.system.loads.forces for x in f.corners if x > 0.0]
         on = np.flatnonzero(on_marks(t, breaks))
-        on = on[problem.jumps(t[on], t)] if len(on) else on
-        at = np.union1d(on, np.flatnonzero(on_marks(t, kicks)))
+        if len(on):
+            moved = run.a[:, motors] if problem.prescribed else problem.path(t).acceleration
+            on = on[problem.jumps(t[on], moved)]
+        at = np.union1d(on, np.flatnonzero(on_marks(t, kicks))) if kicks else on
     settle = Inside(problem.free, problem.push, marks, 0.0)
     if marks and not problem.prescribed:
         return replace(run, torque=settle.push(run)[:, motors], settle=settle)

@@ -214,12 +214,11 @@ class Problem:
         a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
         return State(t, y, v, a, lam, torque)
 
-    def jumps(self, t: Array, samples: Array) -> IntArray:
-        """Which of times t (k,) accelerations of the motion jump at; `samples`: of the run."""
-        path = self.path(np.concatenate([samples, t])).acceleration
-        jump = np.abs(path[len(samples) :] - self.path_inside(t).acceleration)
-        jump = jump.max(axis=1, initial=0.0)
-        largest = np.abs(path).max(initial=1e-300)  # many end in none
+    def jumps(self, t: Array, moved: Array) -> IntArray:
+        """Which of times t (k,) accelerations of the motion jump at; `moved`: those of the run."""
+        after = self.path(t).acceleration
+        jump = np.abs(after - self.path_inside(t).acceleration).max(axis=1, initial=0.0)
+        largest = max(np.abs(x).max(initial=1e-300) for x in (moved, after))  # many end in none
         return np.flatnonzero(jump > _JUMP * largest)
 
     def pull(self, path: MotorPath, y: Array, v: Array, inside: bool = False) -> Array:

@@ -203,7 +203,7 @@ FULL, INPUTS, START, STUCK, PAUSED, SAMPLE, EVENT = (
     constant(name) for name in ("FULL", "INPUTS", "START", "STUCK", "PAUSED", "SAMPLE", "EVENT")
 )
 RESTARTS, HOLDS, ON = (constant(name) for name in ("RESTARTS", "HOLDS", "ON"))
-MOST_STAGES = constant("MOST_STAGES")
+MOST_STAGES, MOST_NODES = constant("MOST_STAGES"), constant("MOST_NODES")
 _STATE = ("y", "v", "a", "lam", "torque")
 
 
@@ -351,6 +351,8 @@ def columns_of(counts: Mapping[str, int]) -> int:
 
 def _inputs(table: Table, counts: Mapping[str, int]) -> Record:
     pieces, nodes, _ = table.value.shape
+    if nodes > MOST_NODES:
+        raise PinflexError(f"kernel: {nodes} nodes of a piece, at most {MOST_NODES}.")
     sizes = {"pieces": pieces, "nodes": nodes, "corners": len(table.corner)}
     return Record("Inputs", sizes | {"columns": columns_of(counts)}, vars(table), gap=table.gap)
 

@@ -180,7 +180,9 @@ class _OneRun:
         self.dynamics = scene.equations()
         asked = scene.spec.asked or ASKED
         self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)
-        self.foreseen = self._foreseen()
+        spec, scales = scene.spec, scene.mechanism.followed.scales
+        alike = self.t.tobytes(), spec.level, spec.drive, scene.by_forces, tuple(asked)
+        self.foreseen = scales.get(scene.motion, alike, self._foreseen)
         self._judge: Judge | None = None
 
     def _foreseen(self) -> Expected:

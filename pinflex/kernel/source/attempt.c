@@ -182,8 +182,7 @@ static void motor_forces(const Tables *t, const March *m, double *torque) {
   }
   for (Int i = 0; i < s; i++) {
     for (Int j = 0; j < n; j++) dv[j] = 0.0;
-    for (Int l = 0; l < s && led(st); l++)
-      for (Int j = 0; j < n; j++) dv[j] += st->h * st->A[i * s + l] * st->da[l * n + j];
+    if (led(st)) blend(s, n, n, st->h, st->A + i * s, st->da, dv);
     for (Int k = 0; k < led(st); k++) {
       Int row = st->motor_v[k];
       double sum = st->r[i * nv + row];
@@ -212,7 +211,8 @@ void keep(const Tables *t, char *memory, March *m, double h) {
   Stages *st = m->stages;
   Steps *to = &m->steps;
   Int k = m->count + 1, s = st->s, nv = t->nv, n = st->free, motors = st->motors;
-  double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv, taken[MOST_STAGES];
+  double *torque = to->torque + k * s * motors, *move = to->move + k * s * nv, *dv = st->part,
+         taken[MOST_STAGES];
   to->t[k] = m->t, to->h[k] = h, to->tangent[k] = m->tangent;
   to->serial[k] = m->refreshed;
   copy(to->y0 + k * t->nq, m->y, t->nq);
@@ -229,9 +229,9 @@ void keep(const Tables *t, char *memory, March *m, double h) {
   motor_forces(t, m, torque);
   for (Int i = 0; i < s; i++) {
     double *v = st->v + i * nv, *y = st->y + i * t->nq;
-    for (Int j = 0; j < n; j++)
-      for (Int l = 0; l < s; l++)
-        v[st->free_at[j]] += h * st->A[i * s + l] * st->da[l * n + j];
+    for (Int j = 0; j < n; j++) dv[j] = 0.0;
+    blend(s, n, n, h, st->A + i * s, st->da, dv);
+    for (Int j = 0; j < n; j++) v[st->free_at[j]] += dv[j];
     if (t->dampers || t->kinks || !st->prescribed) {
       retract(t, st, m->y, move + i * nv, y);
       write_motors(st, st->position + i * motors, y);

@@ -22,21 +22,13 @@ static void restart(const Tables *t, const March *run, March *m, Int k, const do
   copy(m->torque, x->torque0 + k * motors, motors);
 }
 
-/* out_i = sum_j W_ij x_j of arrays (., n) */
-static void weighted(Int rows, Int s, Int n, const double *W, const double *x, double *out) {
-  for (Int i = 0; i < rows * n; i++) out[i] = 0.0;
-  for (Int i = 0; i < rows; i++)
-    for (Int j = 0; j < s; j++)
-      for (Int d = 0; d < n; d++) out[i * n + d] += W[i * s + j] * x[j * n + d];
-}
-
 /* Stages from the polynomials of the step. */
 static void guess(const Tables *t, const March *run, March *m, Int k, const double *W) {
   Stages *st = m->stages;
   Int s = run->stages->s, nv = t->nv, rows = t->closures;
-  weighted(st->s, s, nv, W, run->steps.a + k * s * nv, st->a);
-  weighted(st->s, s, nv, W, run->steps.turn + k * s * nv, st->turn);
-  weighted(st->s, s, rows, W, run->steps.lam + k * s * rows, st->lam);
+  blends(st->s, s, nv, W, run->steps.a + k * s * nv, st->a);
+  blends(st->s, s, nv, W, run->steps.turn + k * s * nv, st->turn);
+  blends(st->s, s, rows, W, run->steps.lam + k * s * rows, st->lam);
   for (Int i = 0; i < st->s; i++)
     for (Int j = 0; j < led(st); j++) st->a[i * nv + st->motor_v[j]] = st->feed[i * st->motors + j];
   for (Int i = 0; i < st->s * nv; i++) st->change[i] = 0.0;

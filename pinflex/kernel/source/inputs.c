@@ -18,20 +18,17 @@ static Int piece_of(const Inputs *in, double time) {
 }
 
 static void on_piece(const Inputs *in, Int piece, double time, double *out) {
-  Int n = in->columns;
-  const double *x = in->value + piece * in->nodes * n;
-  double z = (time - in->middle[piece]) / in->half[piece], sum = 0.0;
-  for (Int i = 0; i < n; i++) out[i] = 0.0;
-  for (Int k = 0; k < in->nodes; k++) {
-    double away = z - in->node[k];
-    if (away == 0.0) {
+  Int n = in->columns, nodes = in->nodes;
+  const double *x = in->value + piece * nodes * n;
+  double z = (time - in->middle[piece]) / in->half[piece], sum = 0.0, w[MOST_NODES];
+  for (Int k = 0; k < nodes; k++) w[k] = in->weight[k] / (z - in->node[k]);
+  for (Int k = 0; k < nodes; k++) sum += w[k];
+  for (Int k = 0; !isfinite(sum) && k < nodes; k++)
+    if (z == in->node[k]) {
       copy(out, x + k * n, n);
       return;
     }
-    double w = in->weight[k] / away;
-    sum += w;
-    for (Int i = 0; i < n; i++) out[i] += w * x[k * n + i];
-  }
+  blends(1, nodes, n, w, x, out);
   for (Int i = 0; i < n; i++) out[i] /= sum;
 }
 

@@ -30,6 +30,28 @@ static inline double inner(const double *a, const double *b, Int n) {
   return sum;
 }
 
+/* out += k sum_l w_l x_l of `count` rows x, which are `apart`: the first n numbers of each */
+static inline void blend(Int count, Int n, Int apart, double k, const double *w, const double *x,
+                         double *out) {
+  Int i = 0;
+  for (; i + LANES <= n; i += LANES) {
+    Lane sum = *(LooseLane *)(out + i);
+    for (Int l = 0; l < count; l++) sum += k * w[l] * *(const LooseLane *)(x + l * apart + i);
+    *(LooseLane *)(out + i) = sum;
+  }
+  for (; i < n; i++) {
+    double sum = out[i];
+    for (Int l = 0; l < count; l++) sum += k * w[l] * x[l * apart + i];
+    out[i] = sum;
+  }
+}
+
+/* out_i = sum_l W_il x_l, of `count` rows x of n numbers */
+static inline void blends(Int rows, Int count, Int n, const double *W, const double *x, double *out) {
+  for (Int i = 0; i < rows * n; i++) out[i] = 0.0;
+  for (Int i = 0; i < rows; i++) blend(count, n, n, 1.0, W + i * count, x, out + i * n);
+}
+
 static inline Lane dot(const Lane *a, const Lane *b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }

@@ -4,6 +4,8 @@
 
 #include "stages.h"
 
+enum { MOST_NODES = 25 }; /* of a piece of what is prescribed */
+
 /* Columns position | velocity | acceleration of the motors (of driven ones the torque that is fed
    forward) | shares of the loads: values at the nodes of pieces of time, and by themselves at
    corners, where they may jump. */

@@ -91,10 +91,7 @@ void write_motors(const Stages *st, const double *position, double *y) {
 static void add_weighted(const Stages *st, Int nv, Int n, double k, const double *W,
                          const double *x, double *out) {
   for (Int i = 0; i < st->s; i++)
-    for (Int j = 0; j < st->s; j++) {
-      double w = k * W[i * st->s + j];
-      for (Int d = 0; d < n; d++) out[i * nv + d] += w * x[j * nv + d];
-    }
+    blend(st->s, n, nv, k, W + i * st->s, x, out + i * nv);
 }
 
 EXPORT void pinflex_place(const Tables *t, const Stages *st) {

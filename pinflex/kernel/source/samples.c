@@ -2,34 +2,32 @@
    start of a step and 1 at its end, v and y by the integrals of a. */
 #include "march.h"
 
-/* Weights of the nodes for the polynomial through them, or its integral of some order, at z. */
-static void weights(const double *restrict basis, Int n, double z, Int integrals,
-                    double *restrict w) {
-  double power = 1.0;
-  for (Int k = 0; k < integrals; k++) power *= z;
-  for (Int k = 0; k < n; k++) w[k] = 0.0;
+enum { WIDE = 12 }; /* MOST_STAGES + 1, rounded up to whole lanes */
+
+/* Weights of the nodes for the polynomial through them, or its integral of some order, at z: their rows,
+   of which each is of a power of z. */
+static void rows_of(const double *basis, Int n, Int integrals, Lane *rows) {
+  double *to = (double *)rows;
   for (Int p = 0; p < n; p++) {
     double over = 1.0;
     for (Int k = 1; k <= integrals; k++) over *= (double)(p + k);
-    double x = integrals ? power / over : power;
-    for (Int k = 0; k < n; k++) w[k] += x * basis[p * n + k];
-    power *= z;
+    for (Int k = 0; k < WIDE; k++) to[p * WIDE + k] = k < n ? basis[p * n + k] / over : 0.0;
   }
 }
 
-/* out += k sum_l w_l x_l */
-static void add_stages(Int s, Int n, double k, const double *w, const double *restrict x,
-                       double *restrict out) {
-  for (Int l = 0; l < s; l++) {
-    double share = k * w[l];
-    for (Int i = 0; i < n; i++) out[i] += share * x[l * n + i];
-  }
+static void weights(const Lane *rows, Int n, double z, Int integrals, double *w) {
+  Lane *sum = (Lane *)w;
+  double power = 1.0;
+  for (Int k = 0; k < integrals; k++) power *= z;
+  for (Int k = 0; k < WIDE / LANES; k++) sum[k] = lane(0.0);
+  for (Int p = 0; p < n; p++, power *= z)
+    for (Int k = 0; k < WIDE / LANES; k++) sum[k] += power * rows[p * (WIDE / LANES) + k];
 }
 
 /* Through the value at the start too: below the first node a polynomial runs wild. */
 static void through(Int s, Int n, const double *w, const double *x0, const double *x, double *out) {
   for (Int i = 0; i < n; i++) out[i] = w[0] * x0[i];
-  add_stages(s, n, 1.0, w + 1, x, out);
+  blend(s, n, n, 1.0, w + 1, x, out);
 }
 
 /* States at `count` times in s, of[i] the step that each lies in; inputs (count, columns) where they
@@ -40,19 +38,22 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
   const Stages *st = m->stages;
   const Steps *x = &m->steps;
   Int s = st->s, nv = t->nv, rows = t->closures, motors = st->motors;
-  double B1[MOST_STAGES], B2[MOST_STAGES], W[MOST_STAGES + 1], *move = st->part;
+  Lane once[MOST_STAGES * WIDE / LANES], twice[MOST_STAGES * WIDE / LANES],
+       at_0[(MOST_STAGES + 1) * WIDE / LANES], room[3 * WIDE / LANES];
+  double *B1 = (double *)room, *B2 = B1 + WIDE, *W = B2 + WIDE, *move = st->part;
+  rows_of(m->basis, s, 1, once), rows_of(m->basis, s, 2, twice), rows_of(m->basis_0, s + 1, 0, at_0);
   for (Int i = 0; i < count; i++) {
     Int k = of[i], at = k * s;
     double h = x->h[k], z = (time[i] - x->t[k]) / h;
     const double *input = given + i * m->inputs->columns;
     if (!given) prescribed(m->inputs, time[i], m->input), input = m->input;
-    weights(m->basis, s, z, 1, B1);
-    weights(m->basis, s, z, 2, B2);
-    weights(m->basis_0, s + 1, z, 0, W);
+    weights(once, s, z, 1, B1);
+    weights(twice, s, z, 2, B2);
+    weights(at_0, s + 1, z, 0, W);
     for (Int j = 0; j < nv; j++) v[j] = x->v0[k * nv + j], move[j] = h * z * v[j];
-    add_stages(s, nv, h, B1, x->a + at * nv, v);
-    add_stages(s, nv, h * h, B2, x->a + at * nv, move);
-    if (st->balls + st->bodies) add_stages(s, nv, h, B1, x->turn + at * nv, move);
+    blend(s, nv, nv, h, B1, x->a + at * nv, v);
+    blend(s, nv, nv, h * h, B2, x->a + at * nv, move);
+    if (st->balls + st->bodies) blend(s, nv, nv, h, B1, x->turn + at * nv, move);
     retract(t, st, x->y0 + k * t->nq, move, y);
     through(s, nv, W, x->a0 + k * nv, x->a + at * nv, a);
     through(s, rows, W, x->lam0 + k * rows, x->lam + at * rows, lam);
@@ -61,7 +62,7 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
       v[st->motor_v[j]] = input[motors + j], a[st->motor_v[j]] = input[2 * motors + j];
     write_motors(st, input, y);
     work[0] = work[1] = 0.0;
-    add_stages(s, 2, h, B1, x->power + 2 * at, work);
+    blend(s, 2, 2, h, B1, x->power + 2 * at, work);
     y += t->nq, v += nv, a += nv, lam += rows, torque += motors, work += 2;
   }
 }

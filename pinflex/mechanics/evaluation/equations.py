@@ -82,6 +82,7 @@ class Followed:
         solved: What was solved for them. between: What was, between instants of them.
         paths: Of the motors between two times: functions of time.
         starts: Of the flexible mechanism, by how they are asked for; never shared.
+        scales: How far runs of it are going to move; never shared.
         jumps: What is said of jumps of speed before an end: sentences.
     """
 
@@ -92,6 +93,7 @@ class Followed:
     between: Memory = field(default_factory=partial(Memory, 4))
     paths: Memory = field(default_factory=partial(Memory, 4))
     starts: Memory = field(default_factory=partial(Memory, 4))
+    scales: Memory = field(default_factory=partial(Memory, 4))
     jumps: Memory = field(default_factory=partial(Memory, 1))
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:
