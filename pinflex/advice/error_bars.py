@@ -380,7 +380,7 @@ def _looks(
         raise ConvergenceError("it is long beside its first natural period")
     before: Errors = {}
     for share in (0.5, 1.0, 2.0):
-        own = Probe(mechanism, motion, end, static, probe, share)
+        own = probe if share == 1.0 else Probe(mechanism, motion, end, static, probe, share)
         small = look(own, motion, level)
         large = look(Probe(finer, motion, end, static, own), motion)
         found = differences(small, large, OUTPUTS)
