@@ -17,10 +17,10 @@ function livePanel() {
   });
   const why = Object.keys(DATA.live.left_out);
   return el("aside", {id: "live", class: "side", "aria-label": "sliders"},
-    el("header", {}, el("h2", {}, "Try"), el("div", {class: "tools"}, button("✕", () => openLive(false), {"aria-label": "close sliders", id: "live-close"}))),
+    el("header", {}, el("h2", {}, "Try"), el("div", {class: "tools"}, button("✕", () => openLive(false), {"aria-label": "close sliders", id: "live-close"})),
+      el("p", {id: "live-status", role: "status"}, "loading …")),
     ...sliders,
     el("div", {class: "live-tools"}, button("Reset", resetLive, {id: "live-reset"}), button("Copy as --set", copyLive, {id: "live-copy", title: "the command that solves just this"})),
-    el("p", {id: "live-status", role: "status"}, "loading …"),
     el("p", {class: "soft"}, "Every change runs level coupled here, in this page: nothing is sent anywhere."),
     why.length ? el("p", {class: "soft"}, `By the command line alone: ${why.join(", ")} (pinflex solve ${DATA.live.model} --set …).`) : null);
 }
