@@ -9,8 +9,8 @@ Claims:
       kernel, 1e-9 | 3.5e-10, 3.9e-11, 4.9e-10 (ur5, delta, 3rrr, 20 places each:
       `python -m tests.benchmarks.live`)
     - how far its platform is off the rigid one, at the same places | native kernel, 1e-9; where
-      3rrr is off by 2 um what a payload 1e-15 heavier changes, 1.7e-8 | 3.3e-10, 4.3e-11, 4.6e-9
-      (ur5, delta, 3rrr)
+      3rrr is off by 2 um what a payload 1e-15 heavier changes, 1.7e-8 | 3.3e-10, 5.0e-11, 4.6e-9
+      (ur5, delta, 3rrr: 3.8e-13, 6.2e-14, 8.7e-15 m)
     - its stresses, in single precision, at the same places | native kernel, 1e-7 | 5.9e-8
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.35 to 7.3 times
@@ -51,9 +51,11 @@ from tests.browser.trying import (
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
 # Torque and platform by the native kernel in the same steps, of their largest: only round-off
-# differs, for lengths of steps are the same to the last digit (`recipe.GRAIN`). 3rrr grows it most:
-# where its platform is off the rigid one by 2 um, the page's is off by 1e-14 m, 4.6e-9 of that.
-# A payload 1e-15 heavier does as much in the native kernel (`python -m tests.benchmarks.live`).
+# differs, for lengths of steps are the same to the last digit (`recipe.GRAIN`), and so are tangents
+# and counts of Newton. 3rrr shows it most: where its platform is off the rigid one by 2 um, the
+# page's is off by 9e-15 m, 4.6e-9 of that. 1e-9 would be 2e-15 m; the last digit of a joint at
+# 3.6 rad is 4e-16. A payload 1e-15 heavier does as much in the native kernel, 3e-14 m at one of the
+# 20 places and 4e-16 m at the middle one (`python -m tests.benchmarks.live`).
 SAME = 1e-9
 SINGLE = 1e-7  # stresses, which are drawn, are in single precision in a page: 6e-8
 
