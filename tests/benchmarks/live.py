@@ -9,9 +9,10 @@ random, and what the page has computed is held against
 - `pf.solve` with the page's own overrides at a hundredth of its tolerance (what the page tells as
   its error should cover that).
 
-Printed: largest differences of torque, platform (of how far it is off the rigid robot) and stress;
-told over true error; times from a move to the torques and to everything; and the longest pieces of
-drawing that a re-run adds to a frame of the animation (median and largest over the run).
+Printed: largest differences of torque, platform (of how far it is off the rigid robot, which may be
+micrometres; and in metres) and stress; told over true error; times from a move to the torques and
+to everything; and the longest pieces of drawing that a re-run adds to a frame of the animation
+(median and largest over the run).
 """
 
 from __future__ import annotations
@@ -26,10 +27,21 @@ import numpy as np
 
 import pinflex as pf
 from tests.browser.chromium import Browser
-from tests.browser.trying import TOL, differences, moved, opened, pages, same_steps, somewhere
+from tests.browser.trying import (
+    TOL,
+    bends_apart,
+    differences,
+    moved,
+    opened,
+    pages,
+    same_steps,
+    somewhere,
+)
 
 MODELS = ("delta", "ur5", "3rrr")
 KEYS = ("torque", "platform", "stress")
+TOLD = (*KEYS, "deflection")
+METRES = "platform [m]"
 
 
 def heavier(overrides: list[str]) -> list[str]:
@@ -46,6 +58,13 @@ def of_run(run: pf.Result, platform: str, links: Iterable[str]) -> dict[str, Any
     return {"torque": run.torque, "position": run.frames[platform].position, "stress": stress}
 
 
+def round_off(found: dict[str, Any], run: pf.Result, mechanism: pf.Mechanism) -> dict[str, float]:
+    """`differences`, and how far the platform is from that of the run."""
+    position = run.frames[mechanism.description.platform].position.ravel()
+    metres = float(np.abs(np.ravel(found["position"]) - position).max())
+    return differences(found, run, mechanism) | {METRES: metres}
+
+
 def row(browser: Browser, model: str, page: Path, places: int, seed: int) -> dict[str, Any]:
     """What is printed of a model."""
     opened(browser, page)
@@ -56,20 +75,20 @@ def row(browser: Browser, model: str, page: Path, places: int, seed: int) -> dic
         mechanism = pf.load(model, found["overrides"])
         t = np.array(found["t"])
         native = same_steps(mechanism, t)
-        same.append(differences(found, native, mechanism))
+        same.append(round_off(found, native, mechanism))
         other = same_steps(pf.load(model, heavier(found["overrides"])), t)
         other = of_run(other, mechanism.description.platform, found["stress"])
-        grown.append(differences(other, native, mechanism))
+        grown.append(round_off(other, native, mechanism))
         run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
-        true.append(differences(found, run, mechanism))
-        told.append([found["error"][key] / true[-1][key] for key in KEYS])
+        true.append(differences(found, run, mechanism) | bends_apart(native, run))
+        told.append([found["error"][key] / true[-1][key] for key in TOLD])
         times.append(found["took"])
         tables = max(tables, found["tables"])
     pieces = browser.run("return pinflex.live.pieces")
     return {
-        "same": {key: max(x[key] for x in same) for key in KEYS},
-        "grown": {key: max(x[key] for x in grown) for key in KEYS},
-        "true": {key: max(x[key] for x in true) for key in KEYS},
+        "same": {key: max(x[key] for x in same) for key in (*KEYS, METRES)},
+        "grown": {key: max(x[key] for x in grown) for key in (*KEYS, METRES)},
+        "true": {key: max(x[key] for x in true) for key in TOLD},
         "told": np.quantile(told, (0.0, 0.5, 1.0), axis=0).T.tolist(),
         "tables": tables,
         "times": {key: float(np.median([x[key] for x in times])) for key in ("torque", "error")},
@@ -85,7 +104,7 @@ def lines(found: dict[str, Any]) -> list[str]:
     }
     told = ", ".join(
         f"{key} {a:.2f} to {c:.2f} (median {b:.2f})"
-        for key, (a, b, c) in zip(KEYS, found["told"], strict=True)
+        for key, (a, b, c) in zip(TOLD, found["told"], strict=True)
     )
     pieces = sorted(found["pieces"].items(), key=lambda x: -x[1][0])[:4]
     drawn = ", ".join(f"{name} {a:.0f} ({b:.0f})" for name, (a, b) in pieces)

@@ -8,6 +8,7 @@ Claims:
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,6 +75,20 @@ def test_views_scale_bar_and_axes(browser: Browser, page: Path) -> None:
         "return [...document.querySelectorAll('#triad text')].map(t => t.textContent)"
     )
     assert sorted(texts) == ["x", "y", "z"]
+
+
+@pytest.mark.parametrize("view", ["fit", "iso", "front", "side", "top"])
+def test_letters_of_the_axes_do_not_cover_each_other(browser: Browser, page: Path, view) -> None:
+    """An axis that nearly points at the reader is as short as its letter is high."""
+    browser.open(page)
+    browser.run("pinflex.look(arguments[0]); pinflex.frame()", view)
+    boxes = browser.run(
+        "return [...document.querySelectorAll('#triad text')].map(t => {"
+        " const r = t.getBoundingClientRect(); return [r.left, r.right, r.top, r.bottom]; })"
+    )
+    for a, b in itertools.combinations(boxes, 2):
+        across, down = min(a[1], b[1]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[2], b[2])
+        assert across <= 0 or down <= 4  # px: of a line's height letters leave 4 free
 
 
 def test_forces_have_their_values_at_the_arrows(browser: Browser, page: Path, run: Result) -> None:

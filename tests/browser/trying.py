@@ -99,3 +99,16 @@ def differences(found: dict[str, Any], run: pf.Result, mechanism: pf.Mechanism) 
             most = np.reshape(stress, (-1, drawn)).max(), wanted.max()
             out["stress"] = max(out["stress"], abs(most[0] - most[1]) / most[1])
     return out
+
+
+def bends_apart(run: pf.Result, other: pf.Result, gears: Sequence[str] = ()) -> dict[str, float]:
+    """Largest difference of how far links bend [m], and gears give way [rad], over the largest."""
+
+    def bends(r: pf.Result) -> Array:
+        return np.concatenate([r.link(name).deflection[:, :, :3] for name in r.links], axis=1)
+
+    out = {"deflection": apart(bends(run), bends(other))}
+    if gears:
+        found, wanted = (np.array([r.drive(n).deflection for n in gears]) for r in (run, other))
+        out["gear deflection"] = apart(found, wanted)
+    return out

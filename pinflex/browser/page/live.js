@@ -15,12 +15,14 @@ function livePanel() {
     showSlider(s, input, output);
     return el("div", {class: "live-row"}, el("label", {for: "live-" + s.name}, s.label), output, input);
   });
-  const why = Object.keys(DATA.live.left_out);
+  /* A section may be changed one way only: the other way its links are built otherwise. */
+  const half = (s) => s.acts !== "section" || s.low < s.value && s.value < s.high ? [] : [`${s.label} ${s.low < s.value ? "above" : "below"} ${shownValue(s, s.value)}`];
+  const why = [...Object.keys(DATA.live.left_out), ...DATA.live.sliders.flatMap(half)];
   return el("aside", {id: "live", class: "side", "aria-label": "sliders"},
-    el("header", {}, el("h2", {}, "Try"), el("div", {class: "tools"}, button("✕", () => openLive(false), {"aria-label": "close sliders", id: "live-close"}))),
+    el("header", {}, el("h2", {}, "Try"), el("div", {class: "tools"}, button("✕", () => openLive(false), {"aria-label": "close sliders", id: "live-close"})),
+      el("p", {id: "live-status", role: "status"}, "loading …")),
     ...sliders,
     el("div", {class: "live-tools"}, button("Reset", resetLive, {id: "live-reset"}), button("Copy as --set", copyLive, {id: "live-copy", title: "the command that solves just this"})),
-    el("p", {id: "live-status", role: "status"}, "loading …"),
     el("p", {class: "soft"}, "Every change runs level coupled here, in this page: nothing is sent anywhere."),
     why.length ? el("p", {class: "soft"}, `By the command line alone: ${why.join(", ")} (pinflex solve ${DATA.live.model} --set …).`) : null);
 }
@@ -33,10 +35,11 @@ function openLive(open) {
   (open ? $("live-close") : $("live-open")).focus({preventScroll: true});
 }
 function showSlider(s, input, output) {
-  const x = s.shown * live.settings[s.name], on = shaperOf(s), text = s.acts === "motion" ? on ? `${on.kind}, ${digits(on.frequencies[0])} ${s.unit}` : "off" : s.unit === "times" ? "×" + digits(x) : `${digits(x)} ${s.unit}`;
+  const on = shaperOf(s), text = s.acts !== "motion" ? shownValue(s, live.settings[s.name]) : on ? `${on.kind}, ${digits(on.frequencies[0])} ${s.unit}` : "off";
   output.textContent = text;
   if (s.acts !== "motion") input.setAttribute("aria-valuetext", text);
 }
+const shownValue = ({shown, unit}, p) => unit === "times" ? "×" + digits(shown * p) : `${digits(shown * p)} ${unit}`;
 /* The shaper of the motion where it is on: the speed of the move stretches it, too. */
 function shaperOf(s) {
   if (s.acts !== "motion" || live.settings[s.name] < 0.5) return null;

@@ -74,6 +74,21 @@ class Recovery {
     }
     return d;
   }
+  /* How far the sections (n, nx, 3) of each of a link's bodies are off the straight link, in the frame of its
+  root (recovery/links.py): those of bodies beyond the first by where the one before takes them. */
+  deflections(link, n, d, poses) {
+    const roots = link.pieces.map((p) => this.placed(poses, n, p.root));
+    return link.pieces.map((p, j) => {
+      const {nx, x} = this.prepared(p), [offset] = this.array(p.offset), [R, first] = [roots[j], roots[0]], out = new Float64Array(3 * n * nx);
+      for (let q = 0; q < n * nx; q++) {
+        const of = d[j].subarray(6 * q, 6 * q + 3), o = 3 * q, e = 12 * Math.floor(q / nx), at = x[q % nx];
+        if (!j) { out.set(of, o); continue; }
+        const way = [0, 4, 8].map((r) => R[e + r] * (of[0] + at) + R[e + r + 1] * of[1] + R[e + r + 2] * of[2] + R[e + r + 3] - first[e + r + 3]);
+        for (let c = 0; c < 3; c++) out[o + c] = first[e + c] * way[0] + first[e + 4 + c] * way[1] + first[e + 8 + c] * way[2] - (c ? 0 : offset + at);
+      }
+      return out;
+    });
+  }
   /* Centreline and y axis of the sections (n, nx, 3) in the world. */
   shape(p, n, d, poses) {
     const {nx, x} = this.prepared(p), root = this.placed(poses, n, p.root), line = new Float64Array(3 * n * nx), normal = new Float64Array(3 * n * nx);

@@ -63,7 +63,7 @@ async function answerTo({id, settings}, post = give) {
     if (await newer(rough ? REST - took() : 0)) return;
   }
   found.twice = found.again();
-  const error = errorOf(once, found.twice, track);
+  const error = errorOf(once, found.twice, bent, poses, track);
   if (await newer()) return;
   post({id, part: "error", error: {...error, stress: stressError(found, some)}, told: toldOf(settings), took: took()});
 }
@@ -159,20 +159,23 @@ function jointForces(forces, poses, still, which) {
   }
   return out;
 }
-/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque,
-deflection, and the platform, of how far it is off the rigid robot; stress, of each link's own. Twice as
-much is told: of sixty runs the true error was up to 1.6 times the estimate (tests/benchmarks/live.py). */
+/* What the second correction changes, over what it may see of the whole (solver/judge.py): torque; deflection,
+of sections of links and of gears; and the platform, of how far it is off the rigid robot; stress, of each link's
+own. Twice as much is told: of sixty runs the true error was up to 1.6 times the estimate (tests/benchmarks/live.py). */
 const SAFE = 2, over = (apart, size) => size > 0 ? Math.max(SAFE * apart / size / solver.header.part, 1e-10) : 0;
-function errorOf(once, twice, track) {
-  const {nq, nq_rigid} = solver.header.counts, {outputs} = solver.header, n = solver.t.length;
-  const far = (a, b, from, width) => {
+function errorOf(once, twice, bent, poses, track) {
+  const {recovery, header: {counts: {nq, nq_rigid}, outputs}} = solver, n = solver.t.length, again = recovery.poses(n, twice.y);
+  const far = (pairs, from = 0, width = 1) => {
     let apart = 0, size = 0;
-    for (let i = 0; i < a.length; i++) if (i % width >= from) { apart = Math.max(apart, Math.abs(a[i] - b[i])); size = Math.max(size, Math.abs(b[i])); }
+    for (const [a, b] of pairs) for (let i = 0; i < a.length; i++) if (i % width >= from) { apart = Math.max(apart, Math.abs(a[i] - b[i])); size = Math.max(size, Math.abs(b[i])); }
     return over(apart, size);
   };
-  const error = {torque: far(once.torque, twice.torque, 0, 1), deflection: far(once.y, twice.y, nq_rigid, nq)};
+  const of = (link, d, at) => recovery.deflections(link, n, d, at), gears = Math.max(0, ...outputs.links.flatMap((link) => link.pieces.map((p) => p.eta[1])));
+  const bends = outputs.links.flatMap((link) => { const now = of(link, bent[link.name], poses), then = of(link, recovery.bending(link, n, twice.y), again); return now.map((a, j) => [a, then[j]]); });
+  const error = {torque: far([[once.torque, twice.torque]]), deflection: far(bends)};
+  if (nq_rigid + gears < nq) error["gear deflection"] = far([[once.y, twice.y]], nq_rigid + gears, nq);
   if (!track) return error;
-  const {recovery} = solver, pose = recovery.placed(recovery.poses(n, twice.y), n, outputs.platform);
+  const pose = recovery.placed(again, n, outputs.platform);
   let apart = 0, size = 0;
   for (let k = 0; k < n; k++) {
     apart = Math.max(apart, Math.hypot(...[0, 1, 2].map((r) => pose[12 * k + 4 * r + 3] - track.position[3 * k + r])));

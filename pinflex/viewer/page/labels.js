@@ -97,18 +97,20 @@ function place() {
     if (m.hidden) return;
     let [kind, text, [x, y]] = want[i];
     const length = kind === "name" ? 90 : 7 * text.length + 14;
-    const over = Math.max(0, x + length + 8 - wide), left = over > 0 && x - length > (small.matches ? 120 : 0);   // not over the legend
-    const half = kind === "title" ? length / 2 : 0, box = [left ? x - length : x - half, y - (kind === "peak" ? 30 : 20), left ? x : x + length - half, y - 4];
+    const over = Math.max(0, x + length + 8 - wide), left = over > (kind === "peak" ? length / 2 : 0) && x - length > (small.matches ? 120 : 0);   // not over the legend; the peak's stands above its ring, and may be shifted
+    const shift = left ? 0 : over, half = kind === "title" ? length / 2 : 0, from = left ? x - length : x - half - shift, box = [from, y - (kind === "peak" ? 30 : 20), from + length, y - 4];
     const covers = (b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3];
+    const low = kind === "peak" && covers(headBox);   // then it stands below its ring
+    if (low) { box[1] += 42; box[3] += 42; }
     if (kind === "title") { const up = taken.some(covers) ? 20 : 0; y -= up; box[1] -= up; box[3] -= up; }
-    m.className = "mark " + kind + (left ? " left" : "");
+    m.className = "mark " + kind + (left ? " left" : "") + (low ? " low" : "");
     if (kind === "force" || kind === "torque") {    // the largest first; a value that would cover another is left out
       m.hidden = [headBox, ...taken].some(covers);
       if (m.hidden) return;
     }
     taken.push(box);
     m.textContent = text;
-    m.style.setProperty("--shift", `${over && !left ? over : 0}px`);
+    m.style.setProperty("--shift", `${shift}px`);
     const inside = kind === "peak" ? x : clamp(x, left ? length : half, Math.max(wide - (left ? 0 : half || length), half));
     m.style.transform = `translate(${inside.toFixed(1)}px, ${y.toFixed(1)}px)`;
   });

@@ -131,6 +131,7 @@ function buildPage() {
     const {offsetLeft: left, offsetTop: top, offsetWidth: width, offsetHeight: height} = $("head");
     headBox = [left, top, left + width, top + height];
     $("stage").style.setProperty("--head", `${top + height}px`);
+    place();                                       // clear of it
   }).observe($("head"));
   for (const menu of document.querySelectorAll(".menu")) menu.addEventListener("toggle", () => {   // one at a time
     if (menu.open) for (const other of document.querySelectorAll(".menu")) if (other !== menu) other.open = false;
