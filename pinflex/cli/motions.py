@@ -172,17 +172,21 @@ def _command_report(data: dict[str, Any]) -> Report:
             ("top speed [rad/s or m/s]", "speed"), names=(24, 4),
         ),
         drive_table([DriveRow(**row) for row in data["drives"]]),
-        _path_table(data["followed"]),
+        _path_table(data["followed"], list(data["error"])),
     ))  # fmt: skip
 
 
-def _path_table(runs: dict[str, dict[str, float]]) -> Table:
+def _path_table(runs: dict[str, dict[str, float]], imposed: list[str]) -> Table:
+    """Of the coordinates that the command imposes: the others may be anywhere."""
     rows = [{"command": level, **row} for level, row in runs.items()]
-    return table(
-        "Platform off its path in a coupled run", rows, "command", ("during", "during", length),
-        ("after", "after", length), ("swing after", "swing", length),
+    turns = (
         ("turn during [mrad]", "turned_during", "{:.2g}".format),
-        ("turn after [mrad]", "turned_after", "{:.2g}".format), names=(14,),
+        ("turn after [mrad]", "turned_after", "{:.2g}".format),
+    )
+    return table(
+        f"Platform off its path in {', '.join(imposed)} in a coupled run", rows, "command",
+        ("during", "during", length), ("after", "after", length), ("swing after", "swing", length),
+        *(turns if any(len(name) > 1 for name in imposed) else ()), names=(14,),
     )  # fmt: skip
 
 

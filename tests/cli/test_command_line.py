@@ -43,6 +43,15 @@ def test_a_command_is_written_and_held_against_a_forward_run(capsys, fourbar, tm
     )
 
 
+def test_the_table_of_a_forward_run_names_the_coordinates_that_it_is_about(capsys, fourbar):
+    """One motor can hold one coordinate: the others stray without being told, and so do turns."""
+    done = call(capsys, "command", fourbar, "--set", "motion.kind=nonic", "--verify")
+    assert done.code == 0
+    (held,) = re.findall(r"Platform off its path in (\S+) in a coupled run", done.out)
+    assert f"Estimated error of the platform: {held} " in done.out
+    assert "turn during" not in done.out
+
+
 def test_a_figure_without_a_forward_run_is_refused(capsys, fourbar):
     done = call(capsys, "command", fourbar, "--plot", "command.png")
     assert done.code == 2

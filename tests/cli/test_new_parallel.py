@@ -237,3 +237,32 @@ def test_a_leg_drawn_stretched_is_bent(tmp_path: Path, right: float, kind: str) 
     robot = pf.load(out)
     assert (robot.report.mobility, robot.motors) == (2, ("motor_r", "motor_l"))
     assert robot.report.sigma_min > 0.05  # of a well-placed machine
+
+
+def test_cylinders_with_an_effort_limit_are_the_motors_beside_a_passive_slider(
+    tmp_path: Path,
+) -> None:
+    """A pivoted ram pushed by two cylinders, a Tricept in the plane.
+
+    Grubler: 6 joints less two pins of two rows each leave 2 freedoms; three joints slide.
+    """
+    reach, half = 0.5, 0.3
+    rows: list[Row] = [
+        ("pivot", "continuous", "base", "tube", np.zeros(3), np.eye(3), "z"),
+        ("slide", "prismatic", "tube", "ram", np.array([0.2, 0, 0]), np.eye(3), "x"),
+    ]
+    for k, side in ((1, 1), (2, -1)):
+        lean = turned("z", -side * np.arctan2(half, reach))
+        rest = np.array([np.hypot(reach, half) - 0.2, 0, 0])
+        rows += [
+            (f"pin_{k}", "continuous", "base", f"barrel_{k}", [0, side * half, 0], lean, "z"),
+            (f"leg_{k}", "prismatic", f"barrel_{k}", f"rod_{k}", [0.2, 0, 0], np.eye(3), "x"),
+            (f"eye_{k}", "fixed", f"rod_{k}", f"end_{k}", rest, np.eye(3), "z"),
+            (f"seat_{k}", "fixed", "ram", f"lug_{k}", [reach - 0.2, 0, 0], np.eye(3), "z"),
+        ]
+    path = drawn(tmp_path, rows, "^(tube|ram|barrel_.|rod_.)$")
+    path.write_text(path.read_text("utf-8").replace('effort="9"', 'effort="0"', 1), "utf-8")
+    text, robot = proposed(path)
+    assert robot.report.mobility == 2
+    assert robot.motors == ("leg_1", "leg_2")
+    assert "actuated: [leg_1, leg_2]  # mobility 2 with these loops" in text

@@ -239,7 +239,7 @@ def named_motors(tree: Source) -> tuple[str, ...]:
 def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
     """The sliding joints, else those on the base, where they are as many as the freedoms.
 
-    Else those with an effort limit, where others have none: more motors than freedoms.
+    Else those with an effort limit, where others have none: as many as freedoms, or more.
     """
     ones = single(tree)
     moved = {joint.child for joint in tree.joints.values() if joint.type != "fixed"}
@@ -250,7 +250,7 @@ def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
         if len(likely) == mobility:
             return tuple(likely)
     pushed = limited(tree)
-    return tuple(pushed) if mobility < len(pushed) < len(ones) else ()
+    return tuple(pushed) if mobility <= len(pushed) < len(ones) else ()
 
 
 def limited(tree: Source) -> list[str]:
