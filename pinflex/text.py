@@ -94,8 +94,8 @@ def frozen(*, eq: bool) -> Callable[[type[C]], type[C]]: ...
 def frozen(cls: Any = None, /, *, eq: bool = True) -> Any:
     """A frozen dataclass whose repr is one line (`brief`); `eq`: whether equal by its fields.
 
-    One method of it is compiled, where a plain one takes six: with the eighty of them that
-    `pinflex check` loads, 0.03 s.
+    One method of it is compiled, where a plain one takes six, a third of a millisecond more: among
+    a hundred classes that is what `pinflex check` is felt to wait for.
     """
     if cls is None:
         return partial(frozen, eq=eq)
