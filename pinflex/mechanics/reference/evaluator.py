@@ -365,6 +365,8 @@ class Reference:
 
     def close(self, Y: Array) -> Closure:
         """c (n, rows) and J = dc/dy (n, rows, nv) at Y (n, nq)."""
+        if not self.system.closed.n:
+            return Closure(np.zeros((len(Y), 0)), np.zeros((len(Y), 0, self.system.nv)))
         here = self.map.at(Y)
         poses, J = self.placing.jacobians(here.Q)
 
@@ -376,6 +378,8 @@ class Reference:
 
     def closure_bias(self, Y: Array, V: Array) -> Array:
         """gamma in cdd = J a + gamma, shape (n, rows), at Y (n, nq) and V (n, nv)."""
+        if not self.system.closed.n:
+            return np.zeros((len(Y), 0))
         here, none = self.map.at(Y, V), np.zeros_like(V)
         poses = self.placing.poses(here.Q)
 
