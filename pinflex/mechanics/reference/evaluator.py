@@ -307,11 +307,14 @@ class Reference:
     def _moving(self, Y: Array, V: Array, A: Array, t: Array) -> Array:
         """X' (rnea - J_F' F), what varies with pose and speed together, shape (n, nv)."""
         acting, here = self._acting(Y, V, t), self.map.at(Y, V, A)
-        each = enumerate(zip(_states(here), t, strict=True))
-        forces = [
-            self._rnea(*state, {joint: x[k] for joint, x in acting.items()}, float(at))
-            for k, (state, at) in each
-        ]
+        if not acting and not self.system.added.joints:
+            model, data = self.model, self.placing.data
+            forces = [pin.rnea(model, data, *state) for state in _states(here)]
+        else:
+            forces = [
+                self._rnea(*state, {joint: x[k] for joint, x in acting.items()}, float(t[k]))
+                for k, state in enumerate(_states(here))
+            ]
         return here.project(np.array(forces).reshape(here.V.shape))
 
     def _acting(self, Y: Array, V: Array, t: Array) -> Mapping[int, Array]:
@@ -343,8 +346,6 @@ class Reference:
         model, data, push = self.model, self.placing.data, dict(acting)
         for joint, wrench in self._added(q, v, a, t):
             push[joint] = push.get(joint, np.zeros(6)) - wrench
-        if not push:
-            return np.array(pin.rnea(model, data, q, v, a))
         outside = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         for joint, wrench in push.items():
             if joint:
