@@ -7,7 +7,6 @@ import reprlib
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
@@ -92,56 +91,11 @@ def frozen(cls: type[C], /) -> type[C]: ...
 def frozen(*, eq: bool) -> Callable[[type[C]], type[C]]: ...
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 def frozen(cls: Any = None, /, *, eq: bool = True) -> Any:
-    """A frozen dataclass whose repr is one line (`brief`); `eq`: whether equal by its fields.
-
-    One method of it is compiled, where a plain one takes six: with the eighty of them that
-    `pinflex check` loads, 0.03 s.
-    """
+    """A frozen dataclass whose repr is one line (`brief`); `eq`: whether equal by its fields."""
     if cls is None:
         return partial(frozen, eq=eq)
-    cls = dataclasses.dataclass(init=False, repr=False, eq=False)(cls)
-    fields = dataclasses.fields(cls)
-    cls.__init__, cls.__repr__ = _maker(cls, fields), brief
-    cls.__setattr__ = cls.__delattr__ = _refuse
-    if eq:
-        compared = attrgetter("__class__", *(x.name for x in fields if x.compare))
-        hashed = attrgetter(
-            "__class__", *(x.name for x in fields if (x.compare if x.hash is None else x.hash))
-        )
-        cls.__eq__ = lambda self, other: (
-            compared(self) == compared(other) if type(other) is type(self) else NotImplemented
-        )
-        cls.__hash__ = lambda self: hash(hashed(self))
-    return cls
-
-
-def _maker(cls: type[Any], fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
-    """`__init__` of a frozen record, as dataclasses write it."""
-    names: dict[str, Any] = {"__set": object.__setattr__, "__left_out": dataclasses.MISSING}
-    given, lines = ["self"], list[str]()
-    for x in fields:
-        name = value = x.name
-        if x.default_factory is not dataclasses.MISSING:
-            names[f"__{name}"] = x.default_factory
-            given.append(f"{name}=__left_out")
-            value = f"__{name}() if {name} is __left_out else {name}"
-        elif x.default is not dataclasses.MISSING:
-            names[f"__{name}"] = x.default
-            given.append(f"{name}=__{name}")
-        else:
-            given.append(name)
-        lines.append(f"__set(self, '{name}', {value})")
-    if hasattr(cls, "__post_init__"):
-        lines.append("self.__post_init__()")
-    exec(f"def __init__({', '.join(given)}):\n  " + "\n  ".join(lines or ["pass"]), names)
-    made: Callable[..., None] = names["__init__"]
-    made.__qualname__ = f"{cls.__qualname__}.__init__"
-    made.__annotations__ = {x.name: x.type for x in fields} | {"return": None}
-    return made
-
-
-def _refuse(record: object, name: str, *_: object) -> None:
-    raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+    cls.__repr__ = brief
+    return dataclasses.dataclass(frozen=True, eq=eq, repr=False)(cls)
 
 
 def short(name: str, width: int) -> str:

@@ -8,9 +8,7 @@ Claims:
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import inspect
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,6 @@ import pinflex as pf
 from pinflex.quickest.limits import Limits
 from pinflex.report import card, grid, pairs, words
 from pinflex.results.pose_map import Columns
-from pinflex.text import frozen
 
 MOVE = pf.quintic(platform={"x": 0.02, "y": 0.0, "rz": 0.0}, duration=0.1)
 LINE, CARD = 200, 20_000  # characters of a repr and of a card
@@ -122,37 +119,6 @@ def test_every_repr_is_one_short_line(objects: list[Any]) -> None:
     assert "3rrr" in repr(robot)
     assert "3rrr" in repr(run)
     assert str(run).count("\n") > 3  # print(run) still says what it did
-
-
-class _Fields:
-    a: int
-    b: tuple[float, ...] = (1.0,)
-    c: list[int] = dataclasses.field(default_factory=list, hash=False)
-    d: object = dataclasses.field(default=None, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "a", int(self.a))
-
-
-def test_a_frozen_record_is_what_a_frozen_dataclass_is() -> None:
-    ours: Any = frozen(type("Both", (_Fields,), dict(vars(_Fields))))
-    theirs: Any = dataclasses.dataclass(frozen=True)(type("Both", (_Fields,), dict(vars(_Fields))))
-    own: Any = frozen(eq=False)(type("Own", (_Fields,), dict(vars(_Fields))))
-    assert inspect.signature(ours).parameters.keys() == inspect.signature(theirs).parameters.keys()
-    for kind in (ours, theirs):
-        one, other = kind("1"), kind(1, c=[], d=3)
-        assert one == other == copy.deepcopy(one) and hash(one) == hash(other)
-        assert one.c is not kind(1).c and one != kind(2) and one != kind(1, c=[1])
-        assert dataclasses.replace(one, b=()) == kind(1, ()) != one
-        assert dataclasses.asdict(one) == {"a": 1, "b": (1.0,), "c": [], "d": None}
-        with pytest.raises(dataclasses.FrozenInstanceError, match="'a'"):
-            one.a = 2
-        with pytest.raises(dataclasses.FrozenInstanceError, match="'a'"):
-            del one.a
-        with pytest.raises(TypeError, match=r"Both.__init__\(\) missing 1 .*'a'"):
-            kind()
-    assert ours(1) != theirs(1)
-    assert own(1) != own(1) != ours(1)
 
 
 CARDS = (
