@@ -170,11 +170,8 @@ def _balance(samples: Samples, slot: Slot, eta: Array, nodes: Array) -> tuple[Ar
     section = cut(body, len(nodes))
     bent = links.section_deflections(section, eta) * (not linear)
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
-    g = samples.forces.g
-    R = links.section_resultants(
-        section, body, bent, g[:, slot.stations], g[:, slot.twists], loads,
-        eta * (not linear),
-    )  # fmt: skip
+    needed = links.needed_by_stations(samples, slot)
+    R = links.section_resultants(section, body, bent, needed, loads, eta * (not linear))
     # On its inner node an element receives minus what the section passes on, on its outer plus.
     both = np.stack([-R[:, :-1], R[:, 1:]], axis=2)
     return both[..., :3].copy(), both[..., 3:].copy(), np.zeros_like(both[..., :3])

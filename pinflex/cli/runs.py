@@ -233,10 +233,7 @@ def _solve_data(result: Result) -> dict[str, Any]:
 
 def run_compare(args: argparse.Namespace) -> int:
     """Compare rigid and flexible; write tables, figures, runs and the page."""
-    from pinflex.viewer.plots.drawing import load_undocumented
-
     mechanism, options = load_model(args), values(args)
-    load_undocumented()
     folder = Path(options.pop("folder", None) or f"{mechanism.name}-compare")
     writable(folder / "comparison.txt")
     options["levels"] = options.get("levels") or LEVELS

@@ -101,22 +101,21 @@ def section_resultants(
     section: Cut,
     body: FlexibleBody,
     d: Array,
-    station: Array,
-    twist: Array,
-    turn: Array | None,
+    needed: tuple[Array, Array, Array | None],
     loads: list[tuple[float, Array, Array]],
     eta: Array,
 ) -> Array:
     """Section forces N, Vy, Vz, T, My, Mz, shape (nt, nx, 6).
 
-    `turn`: moments that the rotary inertia of stations needs (nt, ns, 3), None without it.
+    `needed`: what stations need, see `needed_by_stations`.
 
     Returns:
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
+    station, twist, about = needed
     where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
     where[:, :, 0] += body.x
-    arm = cross(where, station) if turn is None else cross(where, station) + turn
+    arm = cross(where, station) if about is None else cross(where, station) + about
     force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
     moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
     if len(body.xt):
@@ -281,18 +280,24 @@ def off_straight(line: Array, x: Array, R: Array, p: Array) -> Array:
     return np.asarray(back)
 
 
+def needed_by_stations(samples: Samples, slot: Slot) -> tuple[Array, Array, Array | None]:
+    """Forces of stations (nt, ns, 3), torques of twists (nt, n), moments of rotary inertia.
+
+    The last have shape (nt, ns, 3); None where stations do not turn.
+    """
+    g, turn = samples.forces.g, [samples.forces.f[joint][:, 3:] for joint in slot.turning]
+    return g[:, slot.stations], g[:, slot.twists], np.stack(turn, axis=1) if turn else None
+
+
 def _section_forces(
     samples: Samples, slot: Slot, d: Array, eta: Array, out: dict[str, Array]
 ) -> Array:
     """Section forces (nt, nx, 6) under deflections d (nt, nx, 3) at coordinates eta (nt, n)."""
-    g = samples.forces.g
     loads = [(i.x, *samples.interface_load(i)) for i in slot.interfaces]
+    needed = needed_by_stations(samples, slot)
     if slot.body.solid is None:
-        turn = [samples.forces.f[joint][:, 3:] for joint in slot.turning]
-        about = np.stack(turn, axis=1) if turn else None
-        forces = g[:, slot.stations], g[:, slot.twists], about
-        return section_resultants(slot.body.cut, slot.body, d, *forces, loads, eta)
-    solid, pull, hung = slot.body.solid, g[:, slot.stations], [load[1:] for load in loads]
+        return section_resultants(slot.body.cut, slot.body, d, needed, loads, eta)
+    solid, pull, hung = slot.body.solid, needed[0], [load[1:] for load in loads]
     for key, value in surface(solid, pull, hung).items():
         out[f"link/{slot.link}/mesh/{key}"] = value
     return solid_resultants(solid, d, pull, hung, eta)

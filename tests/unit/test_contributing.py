@@ -42,6 +42,14 @@ def test_files_that_it_names_beside_are_there() -> None:
         assert (ROOT / path).is_file(), path
 
 
+def test_names_of_its_prose_are_in_the_files_beside_them() -> None:
+    named = re.findall(r"`(\w+)`\s+(?:of|in)\s+`([\w/]+\.py)`", TEXT)
+    assert len(named) >= 5
+    for name, file in named:
+        (path,) = (x for x in ROOT.glob("pinflex/**/*.py") if x.as_posix().endswith(f"/{file}"))
+        assert re.search(rf"\b{name}\b", path.read_text("utf-8")), (name, file)
+
+
 def test_its_five_examples_are_those_of_the_test() -> None:
     tested = (ROOT / "tests/unit/test_extensions.py").read_text("utf-8")
     parts = [part.partition("\n")[2].split("# ----")[0] for part in tested.split("# ---- ")[1:]]

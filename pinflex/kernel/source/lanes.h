@@ -81,10 +81,6 @@ static inline void turn_back_by(const double *R, const Lane *v, Lane *out) {
   for (int i = 0; i < 3; i++) out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
 }
 
-static inline void turn_fixed(const Lane *R, const double *v, Lane *out) {
-  for (int i = 0; i < 3; i++) out[i] = R[3 * i] * v[0] + R[3 * i + 1] * v[1] + R[3 * i + 2] * v[2];
-}
-
 /* Sine and cosine. x = k pi/2 + z with |z| <= pi/4, whose Taylor series end below round-off
    (z^19/19! < 1e-19). Angles above 1e5 rad, where k pi/2 would lose digits, go to libm. */
 static inline void sine_cosine(Lane x, Lane *sine, Lane *cosine) {

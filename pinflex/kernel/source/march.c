@@ -90,11 +90,9 @@ static int accept(const Tables *t, char *memory, March *m, double size, double f
     return ON;
   }
   m->follows &= kind == HOLDS;
-  /* How coarse the long step before was says nothing of the next, which is short. */
-  if (kind == RESTARTS) m->before = 0.0, m->h = fmin(m->h, m->first);
   /* In a step ten times shorter inertia counts more than stiffness: of another pose, Newton's iteration
      converges in the large and diverges in the stiff coordinates, which corrections would show. */
-  if (kind == RESTARTS) m->stale |= m->first < 0.1 * size;
+  if (kind == RESTARTS) m->stale |= m->first < 0.1 * size, m->h = fmin(m->h, m->first);
   return (int)kind;
 }
 

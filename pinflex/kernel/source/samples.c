@@ -3,6 +3,7 @@
 #include "march.h"
 
 enum { WIDE = 12 }; /* MOST_STAGES + 1, rounded up to whole lanes */
+_Static_assert(WIDE > MOST_STAGES && WIDE % LANES == 0, "a value at the start beside the stages");
 
 /* Weights of the nodes for the polynomial through them, or its integral of some order, at z: their rows,
    of which each is of a power of z. */

@@ -42,11 +42,8 @@ TINY = 1e-30  # of an imaginary step, which tells a derivative to the last digit
 # there, as between elements; a sleeve that comes to rest at a border, as round numbers have it,
 # would be on either side by turns. So far the curve goes on: 1e-12 of a length off the next one.
 PAST = 1e-6
-_NEWTON, _MET, _BESIDE = (
-    20,
-    1e-14,
-    1e-7,
-)  # iterations; the last step, and differences, of the length
+_NEWTON = 20  # iterations
+_MET, _BESIDE = 1e-14, 1e-7  # of the length: the last step, and those of differences
 
 
 def dot(f: Array, g: Array) -> Array:

@@ -178,26 +178,6 @@ def test_a_comparison_has_every_figure_the_results_allow(rigid, flexible, tmp_pa
         assert path.read_bytes()[:4] == b"\x89PNG"
 
 
-def test_a_saved_figure_has_every_dot_of_matplotlibs_own(flexible, tmp_path):
-    figure = plot.stress_map(flexible)
-    figure.savefig(tmp_path / "its.png")
-    save(figure.axes, tmp_path / "ours.png")
-    image = pytest.importorskip("PIL.Image")
-    with image.open(tmp_path / "its.png") as its, image.open(tmp_path / "ours.png") as ours:
-        assert its.info["dpi"] == ours.info["dpi"]
-        np.testing.assert_array_equal(np.asarray(its)[:, :, :3], np.asarray(ours))
-
-
-def test_loaded_undocumented_matplotlib_draws_and_documents_what_comes_later():
-    code = (
-        "import pinflex.viewer.plots.drawing as d; d.load_undocumented()\n"
-        "from matplotlib import artist, lines; assert 'drawstyle' not in lines.Line2D.set.__doc__\n"
-        "assert 'drawstyle' in artist.kwdoc(lines.Line2D)\n"
-        "d.panels(1, 1)[1][0, 0].plot([0, 1])[0].set(linewidth=2)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_plotting_leaves_no_global_state_and_importing_it_is_light():
     code = (
         "import sys, pinflex.viewer.plot as p; assert 'matplotlib' not in sys.modules\n"
