@@ -92,11 +92,11 @@ if TYPE_CHECKING:
     from pinflex.levels.quasistatic import (
         Equilibrium,
         UnstableWarning,
-        linear_statics,
         static_equilibrium,
     )
     from pinflex.levels.rigid import inverse_dynamics
     from pinflex.levels.ringing import ringing
+    from pinflex.levels.start import linear_statics
     from pinflex.live.export import export_c, export_fmu
     from pinflex.live.sensors import Encoder, Imu, StrainGauge
     from pinflex.live.simulator import Simulator
@@ -274,11 +274,11 @@ _HOME = {
     "levels.quasistatic": (
         "Equilibrium",
         "UnstableWarning",
-        "linear_statics",
         "static_equilibrium",
     ),
     "levels.rigid": ("inverse_dynamics",),
     "levels.ringing": ("ringing",),
+    "levels.start": ("linear_statics",),
     "live.export": (
         "export_c",
         "export_fmu",

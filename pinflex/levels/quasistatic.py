@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.actuation.drive import Nominal, nominal
+from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Run
-from pinflex.levels.linearised import LinearPath
 from pinflex.linalg import condensed, negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import CLOSED
 from pinflex.mechanics.evaluation.equations import Equations
@@ -285,30 +284,6 @@ def _snapped(
         unstable_directions(dynamics, x.y, x.v, x.a, x.lam, t, free) for x in (before, found)
     )
     return now > last
-
-
-@public
-@takes_model
-def linear_statics(
-    mechanism: Mechanism, q: Array | None = None, loaded: bool = False
-) -> Equilibrium:
-    """One linear step about the undeformed pose: K d = -r0 with J d = 0.
-
-    Args:
-        mechanism: Mechanism with its home pose.
-        q: Rigid pose, shape (nq,), default home.
-        loaded: With the stiffness that weight and loads bring there, as level ked has it.
-    """
-    system, y = mechanism.flexible, mechanism.undeformed(q)
-    nq, nv = int(system.rigid.nq), int(system.rigid.nv)
-    here = Nominal(np.zeros(1), y[None, :nq], *np.zeros((2, 1, nv)))
-    at = LinearPath(mechanism, here, structural=not loaded).at(0)
-    now, n, rows = at.free, len(system.free), len(at.base)
-    x = np.linalg.solve(saddle_matrix(now.K, now.J), np.concatenate([-now.r, np.zeros(rows)]))
-    still, dy, r = np.zeros((3, system.nv))
-    dy[system.free], none = x[:n], np.zeros(n)
-    r[system.motors] = at.motor_forces(x[:n], none, none, x[n:])
-    return Equilibrium(system.integrate(y, dy), still, still, at.base + x[n:], r, 1)
 
 
 def solve_quasistatic(

@@ -12,18 +12,19 @@ import pinocchio as pin
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, IntArray
+from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
 from pinflex.description.solve import Speeds
 from pinflex.errors import AssemblyError, ConvergenceError, DescriptionError, Ending, nearest
 from pinflex.integrators.problem import Run, Settings, states_of
 from pinflex.levels.linearised import LinearPath
-from pinflex.levels.quasistatic import balance, unstable_directions, unstable_text
+from pinflex.levels.quasistatic import Equilibrium, balance, unstable_directions, unstable_text
 from pinflex.linalg import negative_directions, null_space, saddle_matrix
 from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import FrozenLinks, frame_jacobian
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.system import System
 from pinflex.mechanics.model.tree import joint_rows
 from pinflex.results.result import Result
@@ -207,6 +208,30 @@ def _static_start(
     if auto:
         return replace(straight, said=_shaken("its static equilibrium is unstable"))
     return Start(found.y, found.v, "static", unstable_text("start: static equilibrium"))
+
+
+@public
+@takes_model
+def linear_statics(
+    mechanism: Mechanism, q: Array | None = None, loaded: bool = False
+) -> Equilibrium:
+    """One linear step about the undeformed pose: K d = -r0 with J d = 0.
+
+    Args:
+        mechanism: Mechanism with its home pose.
+        q: Rigid pose, shape (nq,), default home.
+        loaded: With the stiffness that weight and loads bring there, as level ked has it.
+    """
+    system, y = mechanism.flexible, mechanism.undeformed(q)
+    nq, nv = int(system.rigid.nq), int(system.rigid.nv)
+    here = Nominal(np.zeros(1), y[None, :nq], *np.zeros((2, 1, nv)))
+    at = LinearPath(mechanism, here, structural=not loaded).at(0)
+    now, n, rows = at.free, len(system.free), len(at.base)
+    x = np.linalg.solve(saddle_matrix(now.K, now.J), np.concatenate([-now.r, np.zeros(rows)]))
+    still, dy, r = np.zeros((3, system.nv))
+    dy[system.free], none = x[:n], np.zeros(n)
+    r[system.motors] = at.motor_forces(x[:n], none, none, x[n:])
+    return Equilibrium(system.integrate(y, dy), still, still, at.base + x[n:], r, 1)
 
 
 def linear_start(

@@ -29,9 +29,12 @@ from pinflex.levels.modes import default_step, modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs, output_differences
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.recover import result_of
+from pinflex.recovery.kinematics import Samples
+from pinflex.recovery.links import forces, sections
+from pinflex.results.result import Result
 from pinflex.results.views import statistics
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
+from pinflex.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from pinflex.solver.scene import Progress, Scene
@@ -104,14 +107,21 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
     @cache
     def told() -> dict[str, float]:
         some = _worst_of_run(coarse, fine)
-        a, b = (
-            result_of(mechanism, run.at(some), lambda: None, "coupled", {}, "")
-            for run in (coarse, fine)
-        )
-        found = output_differences(a, b, of=_FORCES)
+        with one_blas_thread():
+            a, b = (_of_forces(mechanism, run.at(some)) for run in (coarse, fine))
+            found = output_differences(a, b, of=_FORCES)
         return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
 
     return told
+
+
+def _of_forces(mechanism: Mechanism, run: Run) -> Result:
+    """What `_FORCES` are of in a run, and no more."""
+    samples, links = Samples(mechanism, run), [*mechanism.parts] if run.system.n_eta else []
+    arrays = {"torque": run.torque, **samples.kinematics.arrays}
+    if links:
+        arrays |= sections(samples) | forces(samples)
+    return Result(run.t, arrays, {"platform": mechanism.description.platform, "links": links})
 
 
 def _worst_of_run(coarse: Run, fine: Run) -> IntArray:

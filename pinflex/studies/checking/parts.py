@@ -14,9 +14,9 @@ from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.superelement import CROSS
 from pinflex.description.blocks.joints import Drive, Friction
 from pinflex.errors import SceneError
-from pinflex.levels.quasistatic import Equilibrium, linear_statics, rest, unstable_text
+from pinflex.levels.quasistatic import Equilibrium, rest, unstable_text
 from pinflex.levels.rigid import multipliers
-from pinflex.levels.start import acted_on, hangs
+from pinflex.levels.start import acted_on, hangs, linear_statics
 from pinflex.linalg import eigh
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
