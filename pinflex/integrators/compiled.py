@@ -235,7 +235,7 @@ class Batch:
         """Their lengths, s, shape (k,)."""
         return self.kernel.steps["h"][1 : self._size + 1]
 
-    @property
+    @cached_property
     def ends(self) -> Array:
         """Their ends, s, a little later than they are: a sample that rounds to one is in it."""
         return np.asarray(self.t + (1.0 + 1e-9) * self.h)

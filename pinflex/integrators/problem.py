@@ -189,6 +189,7 @@ class Problem:
     ) -> None:
         system = dynamics.system
         self.dynamics, self.path, self.motion = dynamics, path, path
+        self._sides = mechanism.followed.sides
         self.drive, self.sampler = drive, sampler
         self.axes, self.motors = motor_axes(mechanism), system.motors
         self.free = system.free if drive is None else system.unheld
@@ -216,8 +217,12 @@ class Problem:
 
     def jumps(self, t: Array, moved: Array) -> IntArray:
         """Which of times t (k,) accelerations of the motion jump at; `moved`: those of the run."""
-        after = self.path(t).acceleration
-        jump = np.abs(after - self.path_inside(t).acceleration).max(axis=1, initial=0.0)
+
+        def sides() -> tuple[Array, Array]:
+            return self.path_inside(t).acceleration, self.path(t).acceleration
+
+        before, after = self._sides.get(self.motion, t.tobytes(), sides)
+        jump = np.abs(after - before).max(axis=1, initial=0.0)
         largest = max(np.abs(x).max(initial=1e-300) for x in (moved, after))  # many end in none
         return np.flatnonzero(jump > _JUMP * largest)
 

@@ -57,7 +57,7 @@ class History(NamedTuple):
     def upto(self, sample: int) -> History:
         """What lies before a sample."""
         kept = self.at < sample
-        return History(self.at[kept], self.apart[kept], self.size[kept])
+        return self if kept.all() else History(self.at[kept], self.apart[kept], self.size[kept])
 
 
 class Outputs:
@@ -206,10 +206,15 @@ class Outputs:
     def _rigid_poses(self, system: System, first: Array) -> _Poses:
         """Of the rigid motion; where it is not known, the first pose of the run."""
         if self._rigid is None:
+            known, asked = self._mechanism.followed.platforms, self._t[:: self._every].tobytes()
+            self._rigid = known.find(self._motion, asked)
+        if self._rigid is None:
             n, count = int(system.rigid.nq), len(self._t[:: self._every])
             y, rigid = np.zeros((count, system.nq)), self.reference
             y[:, :n] = first[:n] if rigid is None else rigid.q
             self._rigid = platform_poses(self._mechanism, self._dynamics or Equations(system), y)
+            if rigid is not None:
+                known.keep(self._motion, asked, self._rigid)
         return self._rigid
 
 
@@ -269,9 +274,8 @@ def mean_square(a: Array, b: Array) -> float | None:
 
 def between(a: Array, b: Array) -> Array:
     """Rotation vectors from a to b, shape (n, 3): small ones, by their skew part."""
-    turn = np.matmul(a.transpose(0, 2, 1), b)
-    skew = turn - turn.transpose(0, 2, 1)
-    return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    turn = np.matmul(a.transpose(0, 2, 1), b).reshape(-1, 9)
+    return np.asarray(0.5 * (turn[:, (7, 2, 3)] - turn[:, (5, 6, 1)]))
 
 
 # How far two results differ: also in what takes a pass over the samples, as forces and stresses do.

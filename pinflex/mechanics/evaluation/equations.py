@@ -83,6 +83,8 @@ class Followed:
         paths: Of the motors between two times: functions of time.
         starts: Of the flexible mechanism, by how they are asked for; never shared.
         scales: How far runs of it are going to move; never shared.
+        platforms: Where its platform is on the way, undeformed; never shared.
+        sides: Accelerations of the motors just before and after breaks.
         jumps: What is said of jumps of speed before an end: sentences.
     """
 
@@ -94,6 +96,8 @@ class Followed:
     paths: Memory = field(default_factory=partial(Memory, 4))
     starts: Memory = field(default_factory=partial(Memory, 4))
     scales: Memory = field(default_factory=partial(Memory, 4))
+    platforms: Memory = field(default_factory=partial(Memory, 4))
+    sides: Memory = field(default_factory=partial(Memory, 4))
     jumps: Memory = field(default_factory=partial(Memory, 1))
 
     def __reduce__(self) -> tuple[type[Followed], tuple[()]]:

@@ -249,11 +249,8 @@ def _kind(joint: Any) -> tuple[int, Sequence[float]]:
     kind = _KINDS[joint.shortname().removeprefix(_PREFIX)]
     if kind not in (REVOLUTE, CIRCLE, SLIDE):
         return kind, (0.0, 0.0, 0.0)
-    # Not every kind of joint tells its axis: its column of the Jacobian does, at any position.
-    data, start = joint.createData(), np.zeros(joint.nq)
-    start[:1] = joint.nq > joint.nv  # cos, sin
-    joint.calc(data, start)
-    twist = np.asarray(data.S, dtype=float).ravel()
+    # Not every kind of joint tells its axis: its column of the Jacobian does, at every position.
+    twist = np.asarray(joint.createData().S, dtype=float).ravel()
     return kind, (twist[:3] if kind == SLIDE else twist[3:]).tolist()
 
 

@@ -51,7 +51,8 @@ KNOWN: dict[type, str] = {
     Block: "rows q_rows Phi G eta",
     Attachment: "joint placement",
     Interface: "x attachment force_rows",
-    Slot: "link offset body eta root stations twists interfaces",
+    # Inertia that turns sections is in the model; recovery asks joints, `turning`, for its moments.
+    Slot: "link offset body eta root stations twists interfaces turning",
     # Stations and K of bodies are in the model, its map and System.K, the rest is here.
     FlexibleBody: "n length families slices labels second_order x mass Phi G xt It Phi_t G_t "
     "inertia Phi_r G_r K M D root_moves solid curvature rest",
