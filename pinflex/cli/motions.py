@@ -127,6 +127,7 @@ def _command_data(
         "actuation": made.actuation,
         "instants": len(made.t),
         "error": dict(zip(made.coordinates, map(float, made.error), strict=True)),
+        "cut_off": dict(zip(made.coordinates, map(float, made.cut_off), strict=True)),
         "model_error": dict(zip(made.coordinates, known, strict=True)),
         "model_note": model[1],
         "motors": {
@@ -141,7 +142,8 @@ def _command_data(
         "followed": {
             level: {
                 "during": x.during, "after": x.after, "turned_during": x.turned_during,
-                "turned_after": x.turned_after, "swing": x.swing,
+                "turned_after": x.turned_after, "swing": x.swing, "stopped": x.stopped,
+                "turned_stopped": x.turned_stopped,
             }
             for level, x in runs.items()
         },
@@ -165,7 +167,8 @@ def _command_report(data: dict[str, Any]) -> Report:
         f"{data['before']:.3g} s of rest ahead and {data['after']:.3g} s after; "
         f"motors move from {data['actuation'][0]:.3g} s before the platform to "
         f"{data['actuation'][1]:.3g} s after it. "
-        f"Estimated error of the platform: {_worded(data['error'])}, had the robot this model; by "
+        f"Estimated error of the platform: {_worded(data['error'])}, had the robot this model"
+        f"{_once_stopped(data)}; by "
         f"what the model leaves out {_worded(data['model_error'])} ({data['model_note']}).",
         table(
             "Motors", motors, "motor", "unit", ("peak", "torque"), "rms",
@@ -176,16 +179,24 @@ def _command_report(data: dict[str, Any]) -> Report:
     ))  # fmt: skip
 
 
+def _once_stopped(data: dict[str, Any]) -> str:
+    """Where the estimate is of the time after the command, a word on that."""
+    late = [x > 0.5 * data["error"][name] for name, x in data["cut_off"].items()]
+    return ", most of it once the motors have stopped and the links swing on" * any(late)
+
+
 def _path_table(runs: dict[str, dict[str, float]], imposed: list[str]) -> Table:
     """Of the coordinates that the command imposes: the others may be anywhere."""
     rows = [{"command": level, **row} for level, row in runs.items()]
     turns = (
         ("turn during [mrad]", "turned_during", "{:.2g}".format),
         ("turn after [mrad]", "turned_after", "{:.2g}".format),
+        ("turn stopped [mrad]", "turned_stopped", "{:.2g}".format),
     )
     return table(
         f"Platform off its path in {', '.join(imposed)} in a coupled run", rows, "command",
         ("during", "during", length), ("after", "after", length), ("swing after", "swing", length),
+        ("motors stopped", "stopped", length),
         *(turns if any(len(name) > 1 for name in imposed) else ()), names=(14,),
     )  # fmt: skip
 

@@ -49,6 +49,7 @@ _NO_BETTER = 0.5  # of the last error: an order of four and more leaves 0.15, ro
 _REFINED = 1.6  # instants of a finer grid over those of the last
 _MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
 _POOR = 1e-2  # of what the rigid command misses: a bar that is worth a second grid
+_ROUND_OFF = 3.0  # times the bar of a coarser grid: what two grids leave at the end differs by less
 _STILL = 1e-3  # of its top speed, below which a motor rests
 _AT_REST = 1e-3  # of the largest speed: samples of a motion end at rest to about that
 _TAIL = 8  # instants beyond the end, where differences have no neighbours: solved, and cut off
@@ -71,8 +72,8 @@ class Command:
             model (`model_error` tells what that leaves out): of level exact by the instants and
             the rest, also after the motors stop; of level quasistatic in a forward run, vibration
             included; of level rigid what the quasistatic command corrects.
-        cut_off: Level exact: the part of it, shape (k,), by a rest too short for the motors; more
-            `after` lowers it.
+        cut_off: Level exact: the part of it, shape (k,), by motors that stop while the links still
+            swing. More `after` lowers it where that swing fades by then.
         changes: Level quasistatic: largest change of a motor position from pass to pass.
         iterations: Level exact: linear systems solved; 0 where elastic drives alone give way.
         drives: Of each drive both sides of the gear, by key as in a Result: motor_position,
@@ -433,8 +434,12 @@ def _on_grid(
 def _held_against(coarse: Command, finer: Command, gain: Array) -> Command:
     """The finer of two commands, its bar what the other one misses of it, where that is less.
 
+    But the coarser one where the bar of the finer is far larger: that is round-off, which
+    differences over a shorter step raise.
     Where the jerk jumps, orders 4 and 8 of one grid are far further apart than 8 is from the truth.
     """
+    if np.any(finer.error > _ROUND_OFF * coarse.error):
+        return coarse
     apart = np.einsum("tkm,tm->tk", gain, coarse.curve(finer.t) - finer.position)
     error = np.max(np.abs(apart), axis=0) + finer.cut_off
     return replace(finer, error=np.minimum(error, finer.error))

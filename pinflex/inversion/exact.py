@@ -252,14 +252,21 @@ class _Inversion:
         return self._move(e)
 
     def refine(self) -> None:
-        """Differences of order 8 in the rows, of order 4 in their tangent: deferred correction."""
-        self._last[:] = 0.0
+        """Differences of order 8 in the rows, of order 4 in their tangent: deferred correction.
+
+        As long as corrections shrink: where they grow they are round-off, which a fine grid raises.
+        """
+        self._last[:], size = 0.0, np.inf
         for _ in range(_DEFERRED):
+            y, lam, mu, before = self.y, self.lam, self._mu.copy(), size
             v, a = rates(self.instant.dynamics, self.y, self.h, FOURTH)
             wider = padded(self.y, EIGHTH.reach - _PAD)
             v8, a8 = rates(self.instant.dynamics, wider, self.h, EIGHTH)
             v[:-_PAD], a[:-_PAD] = v8[:-_PAD], a8[:-_PAD]  # beyond the end nothing is known
-            self._move(self._rows(v, a))
+            size = self._move(self._rows(v, a))
+            if size > before:
+                self.y, self.lam, self._mu = y, lam, mu
+                break
 
     def motors(self) -> Array:
         """Motor positions, shape (nt, nm)."""

@@ -30,6 +30,8 @@ class Followed:
     Attributes:
         during, after: Largest distance from the path while it moves and in the rest after it [m].
         turned_during, turned_after: The same of its orientation [rad].
+        stopped, turned_stopped: Largest distance [m] and turn [rad] once the motors have stopped,
+            over as long again as that rest: what still rings then is off the path.
         swing: Largest peak-to-peak motion along an axis in the rest after it [m].
         off_path: From the path, in the coordinates that the command imposes; zero in the others.
         run: The coupled run. ideal: The rigid mechanism on the path.
@@ -39,6 +41,8 @@ class Followed:
     after: float
     turned_during: float
     turned_after: float
+    stopped: float
+    turned_stopped: float
     swing: float
     off_path: Deviation
     run: Result
@@ -51,7 +55,8 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     The path is that of the rigid mechanism, in the coordinates that the command imposes; the run
     knows nothing of how the command was found.
     """
-    until, frame = float(found.t[-1]), str(mechanism.description.platform)
+    end, frame = float(found.t[-1]), str(mechanism.description.platform)
+    until = end + found.after
     run = solve(
         mechanism, found.motion, level="coupled", start="static", tol=tol, samples=_SAMPLES,
         until=until, asked=("platform",),  # a torque that nearly vanishes has a higher floor
@@ -61,13 +66,16 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     away = run.deviation_from(ideal, frame)
     imposed = np.array([name in found.coordinates for name in ("x", "y", "z", "rx", "ry", "rz")])
     off = Deviation(run.t, away.position * imposed[:3], away.rotation * imposed[3:])
-    moving = run.t <= until - found.after
-    swing = np.ptp(off.position[~moving], axis=0) if np.any(~moving) else np.zeros(0)
+    moving, stopped = run.t <= end - found.after, run.t > end
+    after = ~moving & ~stopped
+    swing = np.ptp(off.position[after], axis=0) if np.any(after) else np.zeros(0)
     return Followed(
         during=peak(off.norm[moving]),
-        after=peak(off.norm[~moving]),
+        after=peak(off.norm[after]),
         turned_during=peak(off.angle[moving]),
-        turned_after=peak(off.angle[~moving]),
+        turned_after=peak(off.angle[after]),
+        stopped=peak(off.norm[stopped]),
+        turned_stopped=peak(off.angle[stopped]),
         swing=peak(swing),
         off_path=off,
         run=run,
