@@ -55,7 +55,8 @@ def percent(share: float | None, digits: int = 2, sign: str = "") -> str:
     x = 100 * share
     if abs(x) < 1e-10:  # round-off
         return "0 %"
-    form = f".{digits}g" if abs(x) < 100 else ".0f" if abs(x) < 1e4 else ".1e"
+    below = 100 - 0.5 * 10.0 ** (2 - digits)  # of what is rounded to 100 .2g makes 1e+02
+    form = f".{digits}g" if abs(x) < below else ".0f" if abs(x) < 1e4 else ".1e"
     return f"{x:{sign}{form}} %"
 
 

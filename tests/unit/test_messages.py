@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pinflex as pf
 from pinflex.errors import Ending
+from pinflex.text import percent
 from tests.golden.bad_inputs import FILE, messages
 
 MARCHING = ("solver", "levels", "integrators")
@@ -41,3 +42,8 @@ def test_every_run_that_ends_early_says_why_from_one_list() -> None:
             if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "ConvergenceError":
                 assert {"ending", None} & {word.arg for word in call.keywords}, path
     assert {ending.name for ending in Ending} <= named
+
+
+def test_shares_just_below_one_read_as_100_percent() -> None:
+    assert [percent(share) for share in (0.994, 0.997, 1.0)] == ["99 %", "100 %", "100 %"]
+    assert percent(0.9996, 3) == "100 %"

@@ -485,10 +485,11 @@ def _carried(link: LinkCheck) -> str:
     riders = [(x, kg) for x, kg in link.riders if kg > 1e-6 * link.urdf_mass]
     if not riders:
         return text
-    places = []
+    there: dict[str, float] = {}  # a tip mass and a remainder may ride on the same end
     for x, kg in riders:
         at = "at the root" if x == 0 else f"at {length(x)}" if x < link.length else "at the tip"
-        places.append(f"{number(kg)} kg {at}")
+        there[at] = there.get(at, 0.0) + kg
+    places = [f"{number(kg)} kg {at}" for at, kg in there.items()]
     return f"{text}; the rest, motors and covers, rides rigidly: {', '.join(places)}"
 
 
@@ -510,10 +511,10 @@ def _planes(c: Check) -> Block:
 def _left_out(links: Sequence[LinkCheck], direction: str) -> str:
     every = (x for link in links for x in link.left_out if x.direction == direction)
     most = max(every, key=lambda x: x.share)
-    share, of = f"{most.share:.0e}", f" ({most.of})"
+    share, of = f"at most {most.share:.0e}", f" ({most.of})"
     if most.share <= _NOTHING:
         share, of = "nothing", ""
-    words = f"{_PLANES[direction]} left out: at most {share} of compliance, sag, torques"
+    words = f"{_PLANES[direction]} left out: {share} of compliance, sag, torques"
     return f"{words} and inertia loads{of}"
 
 

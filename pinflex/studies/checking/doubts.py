@@ -31,6 +31,7 @@ from pinflex.text import percent, plural
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
 
 _SOME = 6  # names listed before "..."
+_MOST = 0.5  # of a link's mass: what rides in one place outweighs the beam and all else
 _PARTS = 1e-6  # of the rows, for ends that part: motions are orthonormal to 1e-12
 _NEARLY = 1e-3  # of a limit or of the way: a motion made for a limit, and what vibrates about it
 
@@ -262,9 +263,9 @@ def _rides(links: Sequence[Link], number: int, on: int) -> bool:
 
 
 def _link_warnings(link: LinkCheck) -> list[str]:
-    """The beam's inertia takes the place of the URDF's: said where that changes the robot."""
+    """The beam's inertia takes the place of the URDF's, or most of that rides in one place."""
     if link.share is not None:
-        return []
+        return _in_one_place(link)
     if link.mass_difference is None or link.centre_shift is None:
         mass = link.mass + link.end_masses
         return [f"{link.name}: the URDF gives no mass; the beam has its own, {mass:.4g} kg."]
@@ -281,6 +282,24 @@ def _link_warnings(link: LinkCheck) -> list[str]:
     return [
         f"{link.name}: the beam replaces the URDF's inertia: {' and '.join(words)}. "
         "Write inertia: urdf to keep it."
+    ]
+
+
+def _in_one_place(link: LinkCheck) -> list[str]:
+    """Most of a link's mass is no beam's, though a denser beam may carry it."""
+    x, most = max(link.riders, key=lambda rider: rider[1], default=(0.0, 0.0))
+    if (
+        link.share is None
+        or link.share < 1
+        or not 0 < x < link.length
+        or most < _MOST * link.urdf_mass
+    ):
+        return []
+    return [
+        f"{link.name}: {percent(most / link.urdf_mass)} of its mass ({most:.4g} kg) rides in one "
+        f"place, {x:.3g} m from the root. If it is spread along the link, sag and frequencies are "
+        "others: write rho: urdf in its material, which spreads it as far as its moments of "
+        "inertia let it."
     ]
 
 
@@ -435,8 +454,8 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
         flexible = mechanism.flexible_report.redundant
         kind = "" if set(every) == set(flexible) else f" ({len(flexible)} in the flexible model)"
         warnings.append(
-            f"{len(every)} closure rows are dependent and left out{kind}: {', '.join(every)}. The "
-            "motion is exact; reactions in these directions are not unique."
+            f"{plural(len(every), 'dependent closure row')} left out{kind}: {', '.join(every)}. "
+            "The motion is exact; reactions in these directions are not unique."
         )
     return warnings
 
