@@ -265,7 +265,7 @@ def _rides(links: Sequence[Link], number: int, on: int) -> bool:
 def _link_warnings(link: LinkCheck) -> list[str]:
     """The beam's inertia takes the place of the URDF's, or most of that rides in one place."""
     if link.share is not None:
-        return _in_one_place(link)
+        return _heavy_rider(link)
     if link.mass_difference is None or link.centre_shift is None:
         mass = link.mass + link.end_masses
         return [f"{link.name}: the URDF gives no mass; the beam has its own, {mass:.4g} kg."]
@@ -285,7 +285,7 @@ def _link_warnings(link: LinkCheck) -> list[str]:
     ]
 
 
-def _in_one_place(link: LinkCheck) -> list[str]:
+def _heavy_rider(link: LinkCheck) -> list[str]:
     """Most of a link's mass is no beam's, though a denser beam may carry it."""
     x, most = max(link.riders, key=lambda rider: rider[1], default=(0.0, 0.0))
     if (
