@@ -79,7 +79,7 @@ def newton_tolerance(resolution: float, loose: bool = False) -> NewtonTolerance:
     that matters beside what is resolved, the steps get shorter without end.
     """
     relative = (10.0 if loose else 1.0) * 1e-2 * min(resolution, 1e-3)
-    return NewtonTolerance(relative, 1e-14, min(1e-6, max(3e-4 * resolution, 1e-12)))
+    return NewtonTolerance(relative, 1e-14, min(1e-6, max(3e-5 * resolution, 1e-12)))
 
 
 @dataclass(frozen=True)
