@@ -4,8 +4,8 @@ For each model a page is written and opened in headless Chromium; its sliders ar
 random, and what the page has computed is held against
 
 - the native kernel in the same steps and what `pinflex.recovery` reads off it: what differs is
-  round-off, in stresses that of single precision, 6e-8. Beside it stands what a payload 1e-15
-  heavier changes of the native run: less cannot be asked of a page; and
+  round-off. Beside it stands what a payload 1e-15 heavier changes of the native run: less cannot be
+  asked of a page; and
 - `pf.solve` with the page's own overrides at a hundredth of its tolerance (what the page tells as
   its error should cover that).
 

@@ -6,12 +6,12 @@ apart), and `pf.solve` within a hundredth of the page's tolerance.
 Claims:
     Pages, pictures, figures
     - a page that computes takes the native kernel's steps: torques at random sliders | native
-      kernel, 1e-9 | 3.5e-10, 3.9e-11, 4.9e-10 (ur5, delta, 3rrr, 20 places each:
+      kernel, 1e-9 | 3.5e-10, 3.5e-11, 1.1e-9 (ur5, delta, 3rrr, 20 places each:
       `python -m tests.benchmarks.live`)
-    - how far its platform is off the rigid one, at the same places | native kernel, 1e-9; where
-      3rrr is off by 2 um what a payload 1e-15 heavier changes, 1.7e-8 | 3.3e-10, 5.0e-11, 4.6e-9
-      (ur5, delta, 3rrr: 3.8e-13, 6.2e-14, 8.7e-15 m)
-    - its stresses, in single precision, at the same places | native kernel, 1e-7 | 5.9e-8
+    - how far its platform is off the rigid one, at the same places | native kernel, 1e-9, or 1e-13
+      m | 3.3e-10, 3.6e-11, 1.2e-8 (ur5, delta, 3rrr: 3.8e-13, 6.4e-14, 2.2e-14 m)
+    - its stresses at the same places | native kernel, 1e-7; of delta a payload 1e-15 heavier
+      changes 1.3e-8 | 3.6e-10, 2.4e-8, 1.1e-8
     - what it tells of its error covers torque, platform and stress there | `pf.solve` within a
       hundredth of its tolerance | all of 60, 1.35 to 7.3 times
     - what it tells of deflection is the error of sections of links [m] and of gears [rad]: 3tpt,
@@ -50,14 +50,14 @@ from tests.browser.trying import (
 )
 
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
-# Torque and platform by the native kernel in the same steps, of their largest: only round-off
-# differs, for lengths of steps are the same to the last digit (`recipe.GRAIN`), and so are tangents
-# and counts of Newton. 3rrr shows it most: where its platform is off the rigid one by 2 um, the
-# page's is off by 9e-15 m, 4.6e-9 of that. 1e-9 would be 2e-15 m; the last digit of a joint at
-# 3.6 rad is 4e-16. A payload 1e-15 heavier does as much in the native kernel, 3e-14 m at one of the
-# 20 places and 4e-16 m at the middle one (`python -m tests.benchmarks.live`).
-SAME = 1e-9
-SINGLE = 1e-7  # stresses, which are drawn, are in single precision in a page: 6e-8
+# By the native kernel in the same steps only round-off differs: lengths of steps are the same to
+# the last digit (`recipe.GRAIN`), and so are tangents and counts of Newton. In the native kernel a
+# payload 1e-15 heavier does as much: it moves the platform of 3rrr, which is off the rigid one by
+# 2 um, by up to 3e-14 m (the last digit of a joint at 3.6 rad is 4e-16), and the accelerations in
+# the stresses of delta by 1.3e-8 of these (`python -m tests.benchmarks.live`).
+SAME = 1e-9  # of the largest torque, and of how far the platform is off the rigid one, or
+METRES = 1e-13  # where that is more
+STRESS = 1e-7  # of the largest of a link; measured: 2.4e-8 (delta), 3.6e-10 (ur5), 1.1e-8 (3rrr)
 
 
 @pytest.fixture(scope="module")
@@ -88,10 +88,13 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
     t = np.array(found["t"])
-    same = differences(found, same_steps(mechanism, t), mechanism)
+    native = same_steps(mechanism, t)
+    same = differences(found, native, mechanism)
+    place = native.frames[mechanism.description.platform].position
+    off = np.abs(np.reshape(found["position"], (-1, 3)) - place).max()
     assert same["torque"] < SAME
-    assert same["platform"] < SAME
-    assert same["stress"] < SINGLE
+    assert same["platform"] < SAME or off < METRES
+    assert same["stress"] < STRESS
 
     run = pf.solve(mechanism, tol=TOL / 100, samples=len(t))
     assert np.allclose(t, run.t, rtol=1e-14)
@@ -135,7 +138,7 @@ def test_samples_that_share_matrices_are_those_of_the_command_line(browser, page
     found = moved(browser, {"payload": 0.928, "speed": 1.88, "damping": 0.509} | walls)
     mechanism = pf.load("delta", found["overrides"])
     same = differences(found, same_steps(mechanism, np.array(found["t"])), mechanism)
-    assert same["stress"] < SINGLE
+    assert same["stress"] < STRESS
 
 
 def test_what_sections_turn_with_is_in_the_stress_of_a_page(browser, tmp_path):
@@ -144,7 +147,7 @@ def test_what_sections_turn_with_is_in_the_stress_of_a_page(browser, tmp_path):
     found = moved(browser, {"payload": 1.5})
     mechanism = pf.load("ur5", [*turning, *found["overrides"]])
     same = differences(found, same_steps(mechanism, np.array(found["t"])), mechanism)
-    assert same["stress"] < SINGLE
+    assert same["stress"] < STRESS
 
 
 def test_tables_of_the_page_are_those_of_the_command_line(pages, browser):
@@ -256,7 +259,7 @@ def test_samples_on_jumps_of_the_acceleration_have_forces_just_after_them(
     mechanism = pf.load(model, [*law, *found["overrides"]])
     same = differences(found, same_steps(mechanism, np.array(found["t"])), mechanism)
     assert same["torque"] < SAME
-    assert same["stress"] < SINGLE
+    assert same["stress"] < STRESS
 
 
 def test_sliders_of_a_comparison_change_its_coupled_run(browser, tmp_path, pages):

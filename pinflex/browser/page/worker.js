@@ -88,7 +88,7 @@ function stressesAt(which, found, bent, poses, still) {
   found.settled ??= settled;                       // at some samples, or at all if these are few
   for (const link of header.outputs.links) {
     const d = bent[link.name].map((x) => n === full ? x : rowsOf(x, x.length / full, which)), {stress, force} = recovery.strained(link, n, settled.y, d, forces);
-    fields[link.name] = Object.fromEntries(Object.entries(stress).map(([k, x]) => [k, single(x)]));
+    fields[link.name] = stress;
     sections[link.name] = Object.fromEntries(["N", "Vy", "Vz", "T", "My", "Mz"].map((k, c) => { const x = new Float32Array(force.length / 6); for (let i = 0; i < x.length; i++) x[i] = force[6 * i + c]; return [k, x]; }));
   }
   return {fields, sections, joints: jointForces(forces, poses, still, which)};
