@@ -46,8 +46,8 @@ EXPORT void pinflex_samples(const Tables *t, const March *m, Int count, const do
   for (Int i = 0; i < count; i++) {
     Int k = of[i], at = k * s;
     double h = x->h[k], z = (time[i] - x->t[k]) / h;
-    const double *input = given + i * m->inputs->columns;
-    if (!given) prescribed(m->inputs, time[i], m->input), input = m->input;
+    const double *input = given ? given + i * m->inputs->columns : m->input;
+    if (!given) prescribed(m->inputs, time[i], m->input);
     weights(once, s, z, 1, B1);
     weights(twice, s, z, 2, B2);
     weights(at_0, s + 1, z, 0, W);
