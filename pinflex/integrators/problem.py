@@ -268,7 +268,7 @@ class Problem:
             return tuple(check(mechanism, control, spec, *poses))
 
         words = (*run.warnings, *signals.said)
-        return replace(run, signals=signals, warnings=words, loop=None if signals.said else loop)
+        return replace(run, signals=signals, warnings=words, loop=tuple if signals.said else loop)
 
     @property
     def control_force(self) -> Array | None:
@@ -371,7 +371,7 @@ class Run:
             longer than the samples have less accurately; None: they are solved.
         judged: Finds estimated errors of forces and stresses, by output; None: not estimated.
         several: Finds statistics of more runs, by motor, where a single one means little; or None.
-        loop: Finds what is to be said of a digital controller's loop; None: nothing is to be found.
+        loop: Finds what is to be said of a digital controller's loop; without one, nothing.
         s: Algorithmic accelerations of the alpha family, shape (nt, nv), to go on from; or None.
     """
 
@@ -392,7 +392,7 @@ class Run:
     settle: Callable[[Run], Run] | None = None
     judged: Callable[[], Mapping[str, float]] | None = None
     several: Callable[[], Mapping[str, Any]] | None = None
-    loop: Callable[[], tuple[str, ...]] | None = None
+    loop: Callable[[], tuple[str, ...]] = tuple
 
     def at(self, k: slice | IntArray) -> Run:
         """Some of its instants."""

@@ -232,7 +232,7 @@ def assess(
         "grades": graded,
         "warnings": [
             *run.warnings,
-            *(() if run.loop is None else run.loop()),
+            *run.loop(),
             *poor,
             *_redundant(mechanism, run),
             *_held(mechanism, run),

@@ -455,7 +455,7 @@ class _Refinement:
     def _unstable(self, run: Run) -> bool:
         """Whether a run has a digital controller whose loop is not stable."""
         said = () if run.signals is None else run.signals.said
-        return bool(said or (run.loop is not None and run.loop()))
+        return bool(said or run.loop())
 
     def _beside(self) -> tuple[Run, Run]:
         """Two runs of sizes that follow each other: of the coarser one as much as shows where pins
@@ -562,8 +562,7 @@ class _Refinement:
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
         key, change = max(self.last.settings["error"].items(), key=lambda item: item[1])
-        loop = self.last.loop
-        words = " ".join((*self.last.warnings, *(() if loop is None else loop())))
+        words = " ".join((*self.last.warnings, *self.last.loop()))
         failed = ConvergenceError(
             f"{self.scene.mechanism.name}: tol = {self.tol:g} not reached: {key} still changes by "
             f"{change:.2g} after {self.runs} runs. {Ending.TOL_NOT_REACHED.value} "

@@ -278,8 +278,6 @@ class Equations:
 
     def closure_bias(self, y: Array, v: Array) -> Array:
         """gamma in cdd = J a + gamma, (..., rows), at y (..., nq) and v (..., nv)."""
-        if not self.looped:  # spared: Pinocchio's workspace of a large model
-            return np.zeros((*v.shape[:-1], 0))
         Y, V = np.atleast_2d(y), np.atleast_2d(v)
         if (kernel := self._closures(y)) is not None:
             gamma = kernel.closure_motion(Y, V, np.zeros_like(V))[2]

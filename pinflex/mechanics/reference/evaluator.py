@@ -379,7 +379,7 @@ class Reference:
 
     def closure_bias(self, Y: Array, V: Array) -> Array:
         """gamma in cdd = J a + gamma, shape (n, rows), at Y (n, nq) and V (n, nv)."""
-        if not self.system.closed.n:
+        if not self.system.closed.n:  # spared: Pinocchio's workspace of a large model
             return np.zeros((len(Y), 0))
         here, none = self.map.at(Y, V), np.zeros_like(V)
         poses = self.placing.poses(here.Q)
