@@ -18,11 +18,12 @@ import numpy.typing as npt
 from pinflex.actuation.drive import breaks, nominal
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import DescriptionError
+from pinflex.integrators.compiled import MarchKernel, StageKernel
 from pinflex.integrators.corrector import Corrector
-from pinflex.integrators.march import SHORT, March, Radau, newton_tolerance
+from pinflex.integrators.march import RESTARTS, SHORT, March, Radau
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Tables, pairs_of
-from pinflex.kernel.march import RESTARTS, MarchKernel, StageKernel, Table
+from pinflex.kernel.library import Record
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Attachment, Slot
 from pinflex.mechanics.model.system import System
@@ -35,15 +36,16 @@ from pinflex.solver.solve import SAMPLES, scene_of
 _AGAIN = 1e-13, 1e-11  # of the largest value: what positions and rates may be off by then
 
 
-def _folded(table: Table, motors: int) -> dict[str, Array] | None:
+def _folded(table: Record, motors: int) -> dict[str, Array] | None:
     """Numbers that page/solver.js makes the table of again; None: it would be another.
 
     start: Position and velocity where each piece begins, shape (pieces, 2, motors). a: Shape
     (pieces, nodes, motors). once, twice: Integrals over the nodes from -1 on, shape (nodes, nodes).
     """
-    node, half, value = table.node, table.half, table.value[..., : 3 * motors]
+    node, half, every = (table.arrays[name] for name in ("node", "half", "value"))
+    value = every[..., : 3 * motors]
     n = len(node)  # in few pieces the integrals take more room than is saved
-    if len(half) < n or np.any(table.value[..., 3 * motors :] != 1.0):  # shares of loads
+    if len(half) < n or np.any(every[..., 3 * motors :] != 1.0):  # shares of loads
         return None
     basis = np.linalg.inv(np.polynomial.chebyshev.chebvander(node, n - 1))
     once, twice = (
@@ -385,16 +387,13 @@ def recipe(
         scene.mechanism.name, radau, scene._begun, ends, {RESTARTS: jumps},
         SHORT * (ends[1] - ends[0]), (TOGETHER, TOGETHER + 1),
     )  # fmt: skip
-    if march._table is None:
+    if march.kernel.table is None:
         raise DescriptionError(
             f"{scene.motion.kind}: a motion that is no smooth function of time between its breaks: "
             "a page that computes cannot prescribe it."
         )
-    march._at.resolution = resolution
-    close = newton_tolerance(resolution, radau.loose)
-    at = march._at
-    at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
-    at.slack, at.slow, at.patience = close.slack, radau.slow, 1e9
+    march.require(resolution)
+    march.at.patience = 1e9
     return _laid_out(scene, radau, march, t, pattern)
 
 
@@ -402,16 +401,16 @@ def _laid_out(
     scene: Scene, radau: Radau, march: March, t: Array, pattern: dict[str, IntArray] | None
 ) -> Recipe:
     once = Corrector(radau)
-    twice = Corrector(once.stages, slow=0.02)
-    kernels = [march._kernel, *(each._made(march.steps) for each in (once, twice))]
-    stages = [radau, once.stages, twice.stages]
+    twice = Corrector(once, slow=0.02)
+    kernels = [march.kernel, *(each.workspace(march.steps) for each in (once, twice))]
+    stages = [radau, once, twice]
     image, system = Image(), scene.equations().system
     tables = system.tables
     if pattern is not None:  # entries of zero where a slider may have others
         tables = Tables(tables.counts, tables.arrays | widened(_flat(tables), pattern))
     image.add_arrays(tables.arrays, tables.addresses, {name: name for name in tables.arrays})
     header: dict[str, Any] = {"tables": image.add_structure(tables.at)}
-    weights = [np.zeros(0), once._guess, twice._guess]
+    weights = [np.zeros(0), once.weights, twice.weights]
     for k, (kernel, each, W) in enumerate(zip(kernels, stages, weights, strict=True)):
         _add_march(image, each.kernel, kernel, f"{k}/")
         if W.size:
@@ -419,7 +418,7 @@ def _laid_out(
     header["marches"] = [image.add_structure(kernel.at) for kernel in kernels]
     header["stages"] = [each.method.s for each in stages]
     header["weights"] = [0, *(image.names[f"{k}/W"] for k in (1, 2))]
-    header["inputs"] = [image.add_structure(kernel._inputs.at) for kernel in kernels]
+    header["inputs"] = [image.add_structure(kernel.prescribed.at) for kernel in kernels]
     header["outputs"] = outputs(scene.mechanism, system, image.keep)
     header["jumps"] = [0.0, *breaks(scene.motion, scene._loads)]
     header["kicks"] = _kicks(radau.problem, np.array(header["jumps"][1:]), t)
@@ -428,16 +427,16 @@ def _laid_out(
     header["counts"] = dict(system.tables.counts) | {
         "motors": len(system.motors), "rows": [int(i) for i in system.motors],
         "free": [int(i) for i in radau.problem.free],
-        "columns": int(march._table.value.shape[2]),  # type: ignore[union-attr]
+        "columns": radau.kernel.counts["columns"],
     }  # fmt: skip
-    header["folded"] = _fold(image, march._table, len(system.motors))
+    header["folded"] = _fold(image, march.kernel.table, len(system.motors))
     header["passive"] = [int(i) for i in scene.mechanism.rigid.free]
     header |= {"part": PART, "static": scene.start.kind == "static", "slow": SLOW}
     header["names"] = dict(image.names)
     return Recipe(image, header)
 
 
-def _fold(image: Image, table: Table | None, motors: int) -> dict[str, Any] | None:
+def _fold(image: Image, table: Record | None, motors: int) -> dict[str, Any] | None:
     """Leave the table out of the image, which has it at every march; what it is made again of."""
     found = None if table is None else _folded(table, motors)
     if found is None:
@@ -488,7 +487,7 @@ def _add_march(image: Image, stages: StageKernel, kernel: MarchKernel, head: str
     records = (stages, _GIVEN_STAGES), (kernel._steps, ()), (kernel._run, _GIVEN_MARCH)
     for record, names in records:
         image.add_arrays(record.arrays, record.addresses, {n: head + n for n in names})
-    inputs = kernel._inputs
+    inputs = kernel.prescribed
     image.add_arrays(inputs.arrays, inputs.addresses, {n: f"{head}in/{n}" for n in inputs.arrays})
     image.add_structure(stages.at)
     image.add_structure(inputs.at)

@@ -21,50 +21,41 @@ from pinflex.linalg import saddle
 
 @dataclass(frozen=True)
 class Collocation:
-    """Radau IIA with s stages on the unit interval.
+    """Radau IIA with s stages on the unit interval, as the kernel reads it.
 
     Attributes:
         c: Nodes, shape (s,), the last one 1.
         A: Integrals of the stage polynomials up to the nodes, shape (s, s).
         A2: A A. A2_inverse: Its inverse.
-        values: Eigenvalues of A^-1, one of each conjugate pair, shape (s/2 rounded up,).
-        forward: Stages to eigenvectors, complex, one row for each of `values`.
-        back: Eigenvectors to stages: stages = real(back @ parts).
+        value: Eigenvalues of A^-1, one of each conjugate pair, shape (s/2 rounded up, 2): complex
+            numbers are pairs.
+        forward: Stages to eigenvectors, one row for each of `value`, shape (., s, 2).
+        back: Eigenvectors to stages: stages = real(back @ parts), shape (s, ., 2).
         last: Weights of (0, stages) that give the last Legendre coefficient of the polynomial
             through them, without that of 0, shape (s,).
+        basis: Values at the nodes to coefficients of powers, shape (s, s). basis_0: Those at 0 and
+            the nodes, shape (s + 1, s + 1).
     """
 
     c: Array
     A: Array
     A2: Array
     A2_inverse: Array
-    values: Array
+    value: Array
     forward: Array
     back: Array
     last: Array
+    basis: Array
+    basis_0: Array
 
     @property
     def s(self) -> int:
         """Number of stages."""
         return len(self.c)
 
-    @property
-    def arrays(self) -> dict[str, Array]:
-        """What the kernel reads of it for a step, by name; complex numbers as pairs."""
-        pairs = {"value": self.values, "forward": self.forward, "back": self.back}
-        real = {"c": self.c, "A": self.A, "A2": self.A2, "A2_inverse": self.A2_inverse}
-        pair = {name: np.ascontiguousarray(x, dtype=complex) for name, x in pairs.items()}
-        return real | {name: x.view(float) for name, x in pair.items()}
-
-    @property
-    def powers(self) -> dict[str, Array]:
-        """What it reads for a march: values (at 0 and) at the nodes to coefficients of powers."""
-        return {"basis": _monomials(self.s, False), "basis_0": _monomials(self.s, True)}
-
     def at(self, x: Array) -> Array:
         """Weights of the stages for their polynomial at places x of the step, (len(x), s)."""
-        rows = np.asarray(x, float)[:, None] ** np.arange(self.s)
-        return np.asarray(rows @ _monomials(self.s, False))
+        return np.asarray(np.asarray(x, float)[:, None] ** np.arange(self.s) @ self.basis)
 
     def between(self, x: Array) -> tuple[Array, Array, Array]:
         """Weights at x of the stages for both integrals, and of the value at 0 and the stages.
@@ -76,16 +67,7 @@ class Collocation:
         rows = places**powers
         first = rows[:, 1:] / powers[1:]
         second = first * places / (powers[1:] + 1)
-        inner = _monomials(self.s, False)
-        return first @ inner, second @ inner, rows @ _monomials(self.s, True)
-
-
-@cache
-def _monomials(s: int, zero: bool) -> Array:
-    """Values at the nodes (and at 0) to coefficients of the powers."""
-    c = _tableau(s).c
-    nodes = np.append(0.0, c) if zero else c
-    return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)))
+        return first @ self.basis, second @ self.basis, rows @ self.basis_0
 
 
 def radau(s: int) -> Collocation:
@@ -106,13 +88,6 @@ def with_one_more(method: Collocation) -> Collocation:
 
 
 @cache
-def _legendre(s: int) -> Array:
-    """Weights of s stages for the coefficients of a polynomial that is 0 at 0, (s + 1, s)."""
-    at = np.polynomial.legendre.legvander(2.0 * np.append(0.0, _nodes(s)) - 1.0, s)
-    return np.asarray(np.linalg.inv(at))[:, 1:]
-
-
-@cache
 def _nodes(s: int) -> Array:
     """Zeros of P_(s-1) - P_s on the unit interval, the last one 1.
 
@@ -128,20 +103,23 @@ def _nodes(s: int) -> Array:
 
 @cache
 def _tableau(s: int) -> Collocation:
-    c = _nodes(s)
-    powers = np.arange(s)
-    V = np.vander(c, increasing=True)
-    A = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.asarray(np.linalg.inv(V))
+    c, powers = _nodes(s), np.arange(s)
+    with_0 = np.append(0.0, c)
+    basis, basis_0 = (np.linalg.inv(np.vander(x, increasing=True)) for x in (c, with_0))
+    A = (c[:, None] ** (powers + 1) / (powers + 1)) @ basis
     values, vectors = np.linalg.eig(np.linalg.inv(A))
     inverse = np.linalg.inv(vectors)
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
-    last = _legendre(s)[s]
-    return Collocation(
-        c, A, A @ A, np.asarray(np.linalg.inv(A @ A)), values[kept], inverse[kept],
-        vectors[:, kept] * twice, last,
-    )  # fmt: skip
+    last = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * with_0 - 1.0, s))[s, 1:]
+    parts = (_pairs(x) for x in (values[kept], inverse[kept], vectors[:, kept] * twice))
+    return Collocation(c, A, A @ A, np.linalg.inv(A @ A), *parts, last, basis, basis_0)
+
+
+def _pairs(x: Array) -> Array:
+    """Complex numbers as pairs, shape (..., 2)."""
+    return np.ascontiguousarray(x, dtype=complex)[..., None].view(float)
 
 
 # The alpha family: one-step schemes for M a + ... = 0 as four coefficients.

@@ -8,17 +8,15 @@ correction: Zadunaisky 1976; Skeel 1982). A corrected run can be corrected in it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import with_one_more
-from pinflex.integrators.compiled import Batch, Stages
+from pinflex.integrators.compiled import STATE, Batch, MarchKernel, Stages
 from pinflex.integrators.problem import Problem, Run, on_marks
-from pinflex.kernel.march import MarchKernel
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import closure_motion
@@ -27,71 +25,62 @@ from pinflex.mechanics.evaluation.frames import closure_motion
 _SLOW = 0.1
 
 
-class Before(NamedTuple):
-    """What the steps before leave to those to be corrected.
+class Corrector(Stages):
+    """Corrects the steps of a run, one after the other.
 
     Attributes:
-        a: Accelerations at the end of the run's last step, shape (nv,). end: Its corrected end.
-    """
-
-    a: Array
-    end: Mapping[str, Array]
-
-
-class Corrector:
-    """Corrects the steps of a run.
-
-    Attributes:
-        stages: Of the corrected steps.
+        march: Arrays of the corrected steps, from the first on.
     """
 
     def __init__(self, run: Stages, slow: float = _SLOW) -> None:
-        """`run`: the stages of the steps, or those of another corrector.
+        """`run`: the stages of the steps, or another corrector.
 
         `slow`: the contraction above which a step takes two corrections.
         """
-        self.stages = Stages(run.problem, with_one_more(run.method))
-        self._guess, self._slow = run.method.at(self.stages.method.c), slow
-        self._kernel: MarchKernel | None = None
+        super().__init__(run.problem, with_one_more(run.method))
+        self.weights, self._slow = run.method.at(self.method.c), slow
+        self.march: MarchKernel | None = None
+        self.begin_anew()
 
     @property
     def iterations(self) -> int:
         """Newton corrections so far."""
-        return 0 if self._kernel is None else int(self._kernel.at.iterations)
+        return 0 if self.march is None else int(self.march.at.iterations)
 
-    def correct(self, steps: Batch, before: Before | None) -> Batch:
-        """Steps corrected one after the other; before: `last` of those so far.
+    def begin_anew(self) -> None:
+        """Let the next steps be the first of a run."""
+        self._end_a: Array | None = None
+        self._end: dict[str, Array] = {}
+
+    def correct(self, steps: Batch) -> Batch:
+        """Steps corrected, from where those that were kept have led to.
 
         Raises:
             LinAlgError: Their equations are singular with one stage more.
         """
-        if self._kernel is None:
-            self._kernel = self._made(steps)
-        kernel, end_a, given = self._kernel, None, None
-        if before is not None:
-            end_a = before.a
-            for name, x in before.end.items():
-                getattr(kernel, name)[...] = x
-        if steps.table is None:
-            c = self.stages.method.c
-            given = np.array([
-                self.stages.inside(t + h * c) for t, h in zip(steps.t, steps.h, strict=True)
-            ])  # fmt: skip
-        if not kernel.correct(steps.kernel, self._guess, end_a, given):
+        march, given, c = self.march or self.workspace(steps), None, self.method.c
+        self.march = march
+        for name, x in self._end.items():
+            getattr(march, name)[...] = x
+        if steps.kernel.table is None:
+            pairs = zip(steps.t, steps.h, strict=True)
+            given = np.array([self.inside(t + h * c) for t, h in pairs])
+        if not march.correct(steps.kernel, self.weights, self._end_a, given):
             raise np.linalg.LinAlgError("singular iteration matrix")
-        return Batch(self.stages, kernel, steps.table, int(kernel.at.count))
+        return Batch(self, march, int(march.at.count))
 
-    def last(self, steps: Batch, corrected: Batch) -> Before:
-        """What the next steps are corrected from, before other steps are made."""
-        a = steps.kernel.steps["a"][len(steps), -1].copy()
-        return Before(a, corrected.end())
+    def keep(self, steps: Batch, corrected: Batch) -> None:
+        """Go on behind steps, before others are made: where they ended, and where corrected."""
+        self._end_a = steps.kernel.steps["a"][len(steps), -1].copy()
+        self._end = {name: x[-1] for name, x in zip(STATE, corrected.states(), strict=False)}
 
-    def _made(self, steps: Batch) -> MarchKernel:
-        """Room for the corrections of the steps of a run."""
-        m, none = self.stages.method, np.zeros(0, dtype=np.intp)  # nothing is judged
-        room = int(steps.kernel.at.capacity), 0
+    def workspace(self, steps: Batch) -> MarchKernel:
+        """Arrays for the corrections of the steps of a run."""
+        none = np.zeros(0, dtype=np.intp)  # nothing is judged
         given = {"measured_at": none, "weight": none, "stop_at": none, "kind": none}
-        made = self.stages.kernel.march(m.powers | given, steps.table, room)
+        made = self.kernel.march(
+            vars(self.method) | given, steps.kernel.table, (int(steps.kernel.at.capacity), 0)
+        )
         made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 

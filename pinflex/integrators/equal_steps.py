@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import sqrt
@@ -12,13 +13,13 @@ from pinflex.actuation.drive import TorqueDrive, averaged, kinks
 from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.path import MotorAxes, MotorPath
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
+from pinflex.errors import ConvergenceError, Ending, MotionError, PinflexError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
 from pinflex.integrators.problem import Problem, Run, Settings
-from pinflex.kernel.march import AlphaKernel, LawKernel
+from pinflex.kernel.library import Record, names, place, structure
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads, gear_name
@@ -253,9 +254,17 @@ def _diverged(
 
 # The same steps on the compiled kernel, from starts of `PlainAlpha`.
 
+_Rows, _STATES = structure("Rows"), ("now", "last", "next")
+_OF_STATE = names("State", ctypes.c_void_p)
+
 
 class CompiledAlpha:
-    """The steps of one march."""
+    """The steps of one march, and where it is: `Alpha` and `Rows` in source/alpha.h.
+
+    Attributes:
+        at: The C structure: settings, scales and counts. law: `Law` in source/law.h, or None.
+        rows: What is prescribed at the instants, and the states there, each (steps, n).
+    """
 
     def __init__(
         self, march: PlainAlpha, stages: Stages, found: Sequence[Array], begin: int
@@ -264,21 +273,34 @@ class CompiledAlpha:
 
         There they stand at step `begin`.
         """
-        self._march, self._stages, self._found = march, stages, found
-        path, (mass, by_v, by_y) = march.path, march.weights
-        drive, scale = march.drive, stages.kernel.evaluator.scale(path.t)
+        self._march, self._stages, path, drive = march, stages.kernel, march.path, march.drive
         feed = path.acceleration if drive is None else drive.feed_forward
-        motors = path.position, path.velocity, feed, scale
-        law, signals = None if march.feedback is None else _law(march), march.signals
-        if signals is not None:
-            found = *found, signals.u, signals.measured
-            self._found = found
-        self.kernel = AlphaKernel(
-            stages.kernel, march.predictor, motors, found, law, mass=mass, by_v=by_v,
-            by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS, farthest=march.farthest,
+        self.law = None if march.feedback is None else _law(march)
+        self._found = tuple(found)
+        if march.signals is not None:
+            self._found += march.signals.u, march.signals.measured
+        n, steps = self._stages.counts, len(path.t)
+        nv, rows, motors = n["nv"], n["closures"], n["motors"]
+        given = path.position, path.velocity, feed, self._stages.evaluator.scale(path.t)
+        widths = [*(motors,) * 3, n["forces"], n["nq"], nv, nv, nv, rows, motors, 2]
+        widths += [] if self.law is None else [self.law.sizes["drives"], self.law.sizes["measures"]]
+        self.rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in given), *self._found)
+        pairs = zip(self.rows, widths, strict=True)
+        self._places = [(place(x, steps, width), 8 * width) for x, width in pairs]
+        size, (mass, by_v, by_y) = n["free"] + rows, march.weights
+        sizes = n | {"size": size, "order": 3 * size + 1, "wide": nv * (3 * nv + rows)}
+        self._states = {which: Record("State", n, {}) for which in _STATES}
+        self._room = Record(
+            "Alpha", sizes, {"predict": march.predictor}, stale=1, joints=self._stages.address,
+            rate=1.0, usual=np.inf, stopped=-1, law=None if self.law is None else self.law.address,
+            mass=mass, by_v=by_v, by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS,
+            farthest=march.farthest,
         )  # fmt: skip
-        self._at: Step | None = None  # where its own last step ended
-        self.kernel.at.reference = self.scale(begin)
+        self.at = self._room.at
+        self._end: Step | None = None  # where its own last step ended
+        self._blocks = (self._room.raw, *(state.raw for state in self._states.values()))
+        self._fresh = bytes(self.at)
+        self.at.reference = self.scale(begin)
 
     def scale(self, k: int) -> float:
         """Norm of the acceleration at step k; that of what static forces could do, if more."""
@@ -296,7 +318,7 @@ class CompiledAlpha:
     def step(self, k: int, now: Step, last: Step) -> Step:
         """The state at step k, where the march does not go yet; as `PlainAlpha.step` has it."""
         self._take(k - 1, now, last, k)
-        self._at = None
+        self._end = None
         return self._state(k)
 
     def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
@@ -305,32 +327,86 @@ class CompiledAlpha:
         Raises:
             NoConvergence: The first step fails.
         """
-        feedback, law, t = self._march.feedback, self.kernel.law, self._march.path.t
+        feedback, law, t = self._march.feedback, self.law, self._march.path.t
         taken = self._take(k, now, last, upto)
         if feedback is not None and law is not None:
-            feedback.go_on(float(t[k + taken]), law.target, law.x, law.e)
-            self._found[-1][k + 1 : k + taken + 1] += law.target
+            x, e, target = (law.arrays[name] for name in _OF_LAW)
+            feedback.go_on(float(t[k + taken]), target, x, e)
+            self._found[-1][k + 1 : k + taken + 1] += target
         last = now if taken == 1 else self._state(k + taken - 1)
-        self._at = self._state(k + taken)
-        return k + taken, self._at, last
+        self._end = now = self._state(k + taken)
+        return k + taken, now, last
 
     def _take(self, k: int, now: Step, last: Step, upto: int) -> int:
-        march, kernel, at = self._march, self.kernel, self.kernel.at
-        feedback, law, t = march.feedback, kernel.law, march.path.t
-        if now is not self._at:
-            kernel.begin(*((x.y, x.v, x.a, x.s, x.lam) for x in (now, last)))
+        march, at, feedback, law = self._march, self.at, self._march.feedback, self.law
+        if now is not self._end:
+            self.begin(now, last)
             if feedback is not None and law is not None:
-                law.x[...], law.e[...] = feedback.state_at(float(t[k]), law.target)
+                x, e, target = (law.arrays[name] for name in _OF_LAW)
+                x[...], e[...] = feedback.state_at(float(march.path.t[k]), target)
         before = at.iterations, at.refreshed
-        taken = kernel.march(k + 1, upto - k)
+        taken = self.march(k + 1, upto - k)
         march.iterations += at.iterations - before[0]
         march.tangents += at.refreshed - before[1]
         if not taken:
-            raise NoConvergence(kernel.residual[march.problem.free])
+            raise NoConvergence(self._room.arrays["r"][march.problem.free])
         return taken
 
     def _state(self, k: int) -> Step:
         return Step(*(x[k].copy() for x in self._found[:6]))
+
+    def begin(self, now: Step, last: Step) -> None:
+        """Go on from a state, with a new tangent."""
+        for which, state in self._states.items():  # they have changed places
+            setattr(self.at, which, state.at)
+        for which, given in (("now", now), ("last", last)):
+            for name in _OF_STATE:
+                self._states[which].arrays[name][...] = getattr(given, name)
+        self.at.stale, self.at.curved = 1, -1
+
+    def march(self, first: int, count: int) -> int:
+        """Up to so many steps, the first to instant `first`; the number of steps taken."""
+        return self.marcher(first, count)()
+
+    def marcher(self, first: int, count: int) -> Callable[[], int]:
+        """`march`, ready to be called again and again with nothing to be made for a call."""
+        if not (first > 0 and count >= 0 and first + count <= len(self._march.path.t)):
+            steps = len(self._march.path.t)
+            raise PinflexError(f"kernel: {count} steps from {first}, of {steps}.")
+        rows, stages = _Rows(*(at + first * width for at, width in self._places)), self._stages
+        given = stages.tables, stages.work, ctypes.addressof(self.at), count, ctypes.addressof(rows)
+        function = stages.functions.pinflex_alpha
+
+        def march(_: object = rows) -> int:  # which lives as long as the function
+            return int(function(*given))
+
+        return march
+
+    def forget(self) -> None:
+        """Scales and counts as of a run that has not begun."""
+        ctypes.memmove(ctypes.addressof(self.at), self._fresh, len(self._fresh))
+
+    def kept(self) -> tuple[bytes, ...]:
+        """All that the steps go on with: state, factors, scales and counts."""
+        return (bytes(self.at), *(x.tobytes() for x in (*self._blocks, *self.rows)))
+
+    def go_back(self, kept: tuple[bytes, ...]) -> None:
+        """Be as at the time of `kept`, to the last bit."""
+        for array, was in zip((*self._blocks, *self.rows), kept[1:], strict=True):
+            array[...] = np.frombuffer(was, array.dtype).reshape(array.shape)
+        ctypes.memmove(ctypes.addressof(self.at), kept[0], ctypes.sizeof(self.at))
+
+    def limit(self, tangents: int, every: int, most: int, stops: Sequence[Array] | None) -> None:
+        """Bound what a step costs, and where the motors go.
+
+        `tangents`: new ones in a step, `every`: steps between two (0: as it takes, both);
+        `most`: iterations; `stops`: lowest and highest positions of the motors.
+        """
+        self.at.allowed, self.at.every, self.at.most = tangents, every, most
+        if stops is not None:
+            self._stops = tuple(np.array(x, dtype=np.float64) for x in stops)
+            self.at.low, self.at.high = (x.ctypes.data for x in self._stops)
+        self._fresh = bytes(self.at)
 
 
 def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> CompiledAlpha | None:
@@ -342,7 +418,10 @@ def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> Com
     return CompiledAlpha(march, Stages(march.problem, implicit_euler()), found, begin)
 
 
-def _law(march: PlainAlpha) -> LawKernel:
+_OF_LAW = ("x_before", "e_before", "target")  # states and errors, and what these are counted from
+
+
+def _law(march: PlainAlpha) -> Record:
     """The feedback of a march, its states by the trapezoidal rule."""
     assert march.feedback is not None
     one = march.feedback.feedback
@@ -350,14 +429,14 @@ def _law(march: PlainAlpha) -> LawKernel:
     assert law is not None
     eye = np.eye(len(law.A))
     x_of_x, x_of_e = (
-        np.asarray(np.linalg.solve(eye - half * law.A, of), dtype=np.float64)
-        for of in (eye + half * law.A, half * law.B)
+        np.linalg.solve(eye - half * law.A, of) for of in (eye + half * law.A, half * law.B)
     )
-    tables: dict[str, Array] = {
+    tables = {
         "S": one.S, "B": one.B, "home": one.home, "target": law.target, "x_of_x": x_of_x,
         "x_of_e": x_of_e, "C": law.C, "D": law.D, "E": law.E,
     }  # fmt: skip
-    return LawKernel(tables, system.nq, system.nv)
+    sizes = {"measures": len(one.S), "states": len(eye), "drives": one.B.shape[1]}
+    return Record("Law", sizes | {"nq": system.nq, "nv": system.nv}, tables)
 
 
 # Samples that lie between the steps of a run.

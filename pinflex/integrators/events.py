@@ -21,9 +21,9 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, SceneError
+from pinflex.integrators.compiled import MarchKernel
 from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
-from pinflex.kernel.march import MarchKernel
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.kinks import RINGS
 from pinflex.results.views import Event

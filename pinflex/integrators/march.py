@@ -2,41 +2,32 @@
 motion or are given.
 
 Of high order where the motion is smooth, so steps are long. The kernel takes a batch of steps
-(source/march.c); a keeper records them, sets the resolution of those to come, and may send the run
-back. Python is asked where the kernel cannot know: motions and loads without a table, and a
+(source/march.c); a record reads them off, sets the resolution of those to come, and may send the
+run back. Python is asked where the kernel cannot know: motions and loads without a table, and a
 controller's outputs.
 """
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
-from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted, SceneError
+from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.compiled import STATE, Batch, Stages, States, tabulated
+from pinflex.integrators.compiled import STATE, Batch, Stages, States
 from pinflex.integrators.events import Events
 from pinflex.integrators.problem import Problem, Run, Settings, State
-from pinflex.kernel.march import (
-    EVENT,
-    FULL,
-    HOLDS,
-    INPUTS,
-    ON,
-    RESTARTS,
-    SAMPLE,
-    START,
-    STUCK,
-    Table,
-)
+from pinflex.kernel.library import constant
 from pinflex.mechanics.model.system import System
 
+FULL, INPUTS, START, STUCK, SAMPLE, EVENT, RESTARTS, HOLDS, ON = (
+    constant(name)  # of source/march.c
+    for name in ("FULL", "INPUTS", "START", "STUCK", "SAMPLE", "EVENT", "RESTARTS", "HOLDS", "ON")
+)
 STAGES = 6
 # First step, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
@@ -46,11 +37,11 @@ _RECORDED = 64  # steps of a batch that nobody judges
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
 _RESTING = 1e-7  # resolution that Newton's tolerance is of where rigid stops are met
-_POINT = ("t", "h", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
+# Where a run is, in a step of the kernel: it can go on from there once more.
+_POINT = ("t", "ceiling", "before", "refused", "scale", "number", "stop", "follows")
 
 
-@dataclass(frozen=True)
-class NewtonTolerance:
+class NewtonTolerance(NamedTuple):
     """What Newton's iteration may leave of a step.
 
     Attributes:
@@ -82,34 +73,33 @@ def newton_tolerance(resolution: float, loose: bool = False) -> NewtonTolerance:
     return NewtonTolerance(relative, 1e-14, min(1e-6, max(3e-5 * resolution, 1e-12)))
 
 
+# How the length of steps follows their coarseness, the error that the resolution bounds: the last
+# Legendre coefficient of the displacement over the largest one so far. In a vibration the error
+# that a step adds is about half its square for each radian.
+
+_MEMORY = 0.7  # part of the last step's coarseness that this one is taken to have at least
+_RECOVERY = 1.5  # growth of steps, each, after one that Newton did not solve
+_SHORTEST = 1e-9  # of the run: a step that has to be shorter has met something singular
+_SEEN = 1e-13  # m or rad in every coordinate that no step shows less than
+# Of a step: pieces of a way differ by round-off (of the time: 1e-12 of 1 ms after 10 s), and share
+# factors.
+_SAME_STEP = 1e-9
+
+
 @dataclass(frozen=True)
 class StepControl:
-    """How the length of steps follows their coarseness, the error that the resolution bounds.
-
-    The coarseness is the last Legendre coefficient of the displacement over the largest one so far.
-    In a vibration the error that a step adds is about half its square for each radian.
+    """What may differ from run to run.
 
     Attributes:
         idle: Factors on h between which a change does not pay: it costs new factors.
-        memory: Part of the last step's coarseness that this one is taken to have at least.
-        recovery: Growth of steps, each, after one that Newton did not solve.
-        shortest: Of the run: a step that has to be shorter has met something singular.
-        seen: m or rad in every coordinate that no step shows less than.
-        same_step: Of a step: pieces of a way differ by round-off (of the time: 1e-12 of 1 ms after
-            10 s), and share factors.
         iterations: Of Newton in a step, at the most.
-        resolution: Coarseness allowed; None: the keeper's.
+        resolution: Coarseness allowed; None: the record's.
         grain: Lengths of an octave that steps may have, 0: any. A length that follows an estimate
             of error to all its digits hands round-off from step to step: 1e-14 of a payload is
             1e-6 of torque at the end of a run.
     """
 
     idle: tuple[float, float] = (1.0, 1.2)
-    memory: float = 0.7
-    recovery: float = 1.5
-    shortest: float = 1e-9
-    seen: float = 1e-13
-    same_step: float = 1e-9
     iterations: int = 10
     resolution: float | None = None
     grain: int = 0
@@ -120,34 +110,6 @@ CONTROL = StepControl()
 # more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in pieces
 # would not be those of the run that they are compared with.
 _GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6, iterations=20)
-
-
-class Keeper(Protocol):
-    """Takes the steps of a run, and may send it back.
-
-    Attributes:
-        resolution: That of the steps to come.
-    """
-
-    resolution: float
-
-    @property
-    def count(self) -> int:
-        """Samples recorded so far."""
-
-    def start(self, now: State) -> None:
-        """Take the first state."""
-
-    def take(self, steps: Batch) -> int:
-        """Record steps; the number of them that stay, or ANEW: not even earlier ones."""
-
-    def finish(self, steps: Batch) -> None:
-        """Record the last steps of a run that has broken off."""
-
-    def run(self, cost: dict[str, float], settings: Settings) -> Run:
-        """The samples so far as a run."""
-
-
 ANEW = -1  # of all steps none stays: the run begins again
 
 
@@ -176,11 +138,6 @@ class Radau(Stages):
         # The elastic ones, or all if nothing bends.
         self.measured = np.arange(d.n_rigid, d.system.nv) if d.flexible else problem.free
 
-    @property
-    def settings(self) -> Settings:
-        """The method, for reports."""
-        return {"integrator": "radau", "stages": self.method.s}
-
 
 class March:
     """The steps of one run.
@@ -192,57 +149,51 @@ class March:
     def __init__(
         self, name: str, radau: Radau, start: tuple[Array, Array], ends: tuple[float, float],
         stops: Mapping[int, Sequence[float]], first: float, together: tuple[int, int],
+        scale: float = 0.0, unjudged: bool = False,
     ) -> None:  # fmt: skip
-        """Nothing is taken yet."""
+        """Nothing is taken yet.
+
+        `scale`: largest displacement of the run, as far as it is known. `unjudged`: whether its
+        first step is taken whatever its coarseness.
+        """
         self._name, self._radau, self.resolution = name, radau, 0.0
-        self._span, self._repeated, c = ends[1] - ends[0], 0, radau.control
-        times, kind = _stops(ends, stops, c.shortest)
+        span, self._repeated, c = ends[1] - ends[0], 0, radau.control
+        times, kind = _stops(ends, stops)
         problem, m = radau.problem, radau.method
-        given = m.powers | {"last": m.last, "measured_at": radau.measured}
-        given |= {"stop_at": times, "kind": kind}
+        given = vars(m) | {"measured_at": radau.measured, "stop_at": times, "kind": kind}
         if radau.by_energy:
             given["weight"] = problem.dynamics.strain.stiffness
-        self._table = _table(radau, ends, times[kind == RESTARTS].tolist())
-        self._kernel = radau.kernel.march(given, self._table, together)
-        self._at = at = self._kernel.at
-        at.shortest, at.held, at.growth = c.shortest * self._span, c.memory, c.recovery
+        table = radau.table(ends, times[kind == RESTARTS].tolist())
+        self.kernel = radau.kernel.march(given, table, together)
+        self.at = at = self.kernel.at
+        at.shortest, at.held, at.growth = _SHORTEST * span, _MEMORY, _RECOVERY
         at.idle_from, at.idle_to = c.idle
-        at.most, at.seen, at.same_step = c.iterations, c.seen, c.same_step
+        at.most, at.seen, at.same_step = c.iterations, _SEEN, _SAME_STEP
         at.order, at.patience, at.grain = m.s, _PATIENCE, c.grain
-        at.t, at.h, at.first = ends[0], first, first
+        at.t, at.h, at.first, at.scale, at.unjudged = ends[0], first, first, scale, unjudged
         at.ceiling = at.refused = np.inf
-        self._kernel.y[...], self._kernel.v[...] = start
+        self.kernel.y[...], self.kernel.v[...] = start
         self.events: Events | None = None
         if problem.dynamics.system.kinks.rows:
             self.events = Events(name, problem, radau.kernel.evaluator)
-            self.events.begin(self._kernel)
+            self.events.begin(self.kernel)
         self._start()
-        self._origin, self.steps = self._point(), self._batch(0)
-
-    def know(self, scale: float, unjudged: bool) -> None:
-        """Set the largest displacement of the run, and whether its first step is not judged."""
-        self._at.scale, self._at.unjudged = scale, unjudged
-        self._origin = self._point()
+        self._begun = self.now, {name: getattr(at, name) for name in _POINT}, first
+        self.steps = self._batch(0)
 
     @property
     def done(self) -> bool:
         """Whether the run is at its end."""
-        return bool(self._at.stop >= self._at.stops)
+        return bool(self.at.stop >= self.at.stops)
 
     @property
     def now(self) -> State:
         """The state that the run has come to."""
-        k = self._kernel
-        return State(float(self._at.t), *(getattr(k, name).copy() for name in STATE))
-
-    @property
-    def scale(self) -> float:
-        """Largest displacement so far."""
-        return float(self._at.scale)
+        return State(float(self.at.t), *(getattr(self.kernel, name).copy() for name in STATE))
 
     def cost(self) -> dict[str, float]:
         """What the run has cost so far."""
-        at = self._at
+        at = self.at
         counts = {
             "steps": at.number, "rejected": at.rejected, "unresolved": at.unresolved,
             "repeated": self._repeated, "newton": at.iterations, "tangents": at.refreshed,
@@ -250,26 +201,25 @@ class March:
         }  # fmt: skip
         return {key: float(count) for key, count in counts.items()}
 
-    def advance(self) -> None:
+    def advance(self, resolution: float) -> None:
         """Some steps more, which are `steps` then; raises ConvergenceError where none is short."""
-        at, radau = self._at, self._radau
-        self._follow(int(at.count))
-        given = radau.control.resolution
-        at.resolution = self.resolution if given is None else given
-        close = radau.tolerance or newton_tolerance(min(self.resolution, radau.finest), radau.loose)
-        at.least, at.round_off, at.open = close.relative, close.absolute, close.closure
-        at.slack, at.slow = close.slack, radau.slow
+        at, radau, self.resolution = self.at, self._radau, resolution
+        if last := int(at.count):  # the next batch begins behind it
+            for name in ("a", "lam", "h"):
+                self.kernel.steps[name][0] = self.kernel.steps[name][last]
+        at.count = 0
+        self.require(resolution)
         try:
-            while (end := self._kernel.advance()) not in (FULL, STUCK):
+            while (end := self.kernel.advance()) not in (FULL, STUCK):
                 if end == INPUTS:
                     times = at.t + at.size * radau.method.c
-                    self._kernel.input[...], at.given = radau.inside(times), 1
+                    self.kernel.input[...], at.given = radau.inside(times), 1
                 elif end == START:
                     self._start()
                 elif end == SAMPLE:
                     self._hold()
                 elif end == EVENT and self.events is not None:
-                    self.events.met(self._kernel)
+                    self.events.met(self.kernel)
                     at.follows = 0
                     self._start()
                 elif at.tangents == 1:  # nobody judges: patience is for signals and progress
@@ -280,12 +230,20 @@ class March:
         if end == STUCK:
             raise _stuck(self._name, self.now)
 
+    def require(self, resolution: float) -> None:
+        """Let the next steps be as close as a resolution asks for."""
+        at, radau = self.at, self._radau
+        given = radau.control.resolution
+        at.resolution, at.slow = resolution if given is None else given, radau.slow
+        close = radau.tolerance or newton_tolerance(min(resolution, radau.finest), radau.loose)
+        at.least, at.round_off, at.open, at.slack = close
+
     def settle(self, good: int, resolution: float) -> None:
         """Let only the first of the steps stay, or none of all (ANEW).
 
         Those that replace the others are shorter by what their resolution asks for.
         """
-        at = self._at
+        at = self.at
         if good < len(self.steps):
             before = int(at.number)
             finer = min(resolution / self.resolution, 1.0) ** (1.0 / self._radau.method.s)
@@ -294,11 +252,11 @@ class March:
             at.stale = 1
             self._repeated += before - int(at.number)
             if good == ANEW:
-                self._origin = self._point()
+                self._begun = (*self._begun[:2], at.h)
         self.steps = self._batch(0)
 
     def _batch(self, size: int) -> Batch:
-        return Batch(self._radau, self._kernel, self._table, size)
+        return Batch(self._radau, self.kernel, size)
 
     def _require_on_beams(self) -> None:
         """Raise where a step has led off a beam; it is the last one then."""
@@ -307,30 +265,23 @@ class March:
             return
         Y = self.steps.states().y
         if (k := dynamics.first_off(Y)) is not None:
-            t = [*self.steps.t[1:], self._at.t]
+            t = [*self.steps.t[1:], self.at.t]
             self.steps = self.steps.upto(k + 1)
             dynamics.require_on_beams(Y[k], self._name, float(t[k]))
 
-    def _follow(self, last: int) -> None:
-        """Let the next batch begin behind a step of the one before it."""
-        if last:
-            for name in ("a", "lam", "h"):
-                self._kernel.steps[name][0] = self._kernel.steps[name][last]
-        self._at.count = 0
-
     def _start(self) -> None:
         """Consistent accelerations; where the kernel has none, those of numpy."""
-        k, problem = self._kernel, self._radau.problem
-        if problem.sampler is None and self._table and k.begin():
+        k, problem = self.kernel, self._radau.problem
+        if problem.sampler is None and k.table and k.begin():
             return
-        found = problem.first(float(self._at.t), k.y.copy(), k.v.copy())
+        found = problem.first(float(self.at.t), k.y.copy(), k.v.copy())
         if problem.sampler is not None:
-            self._radau.kernel.arrays["held"][...], self._at.jumped = problem.sampler.held, 0
+            self._radau.kernel.arrays["held"][...], self.at.jumped = problem.sampler.held, 0
         k.a[...], k.lam[...], k.torque[...] = found.a, found.lam, found.torque
 
     def _hold(self) -> None:
         """Let the controller act: accelerations jump by what its forces do."""
-        k, at = self._kernel, self._at
+        k, at = self.kernel, self.at
         sampler = self._radau.problem.sampler
         assert sampler is not None
         if self._radau.control.resolution is not None:
@@ -339,38 +290,29 @@ class March:
             return
         self._radau.kernel.arrays["held"][...], at.jumped = sampler.held, 1
 
-    def _point(self) -> dict[str, Any]:
-        """Where the run is: it can go on from here once more."""
-        point = {name: getattr(self._at, name) for name in _POINT}
-        return point | {name: getattr(self._kernel, name).copy() for name in STATE}
-
     def _go_back(self, good: int) -> None:
         """To where a step of the batch began, or to the start of the run."""
-        k, at, steps = self._kernel, self._at, self._kernel.steps
+        k, at, steps, step = self.kernel, self.at, self.kernel.steps, good + 1
         if good == ANEW:
+            now, point, at.h = self._begun
             for name in STATE:
-                getattr(k, name)[...] = self._origin[name]
-            for name in _POINT:
-                setattr(at, name, self._origin[name])
+                getattr(k, name)[...] = getattr(now, name)
             at.count = 0
-            return
-        step = good + 1
-        for name in STATE:
-            getattr(k, name)[...] = steps[f"{name}0"][step]
-        for name in ("t", "ceiling", "before", "refused", "scale"):
-            setattr(at, name, float(steps[name][step]))
-        at.h = float(steps["next"][step])
-        for name in ("number", "stop", "follows"):
-            setattr(at, name, int(steps[name][step]))
-        at.count = good
+        else:
+            for name in STATE:
+                getattr(k, name)[...] = steps[f"{name}0"][step]
+            point = {name: steps[name][step].item() for name in _POINT}
+            at.h, at.count = float(steps["next"][step]), good
+        for name, value in point.items():
+            setattr(at, name, value)
 
 
 def _stops(
-    ends: tuple[float, float], stops: Mapping[int, Sequence[float]], close: float
+    ends: tuple[float, float], stops: Mapping[int, Sequence[float]]
 ) -> tuple[Array, IntArray]:
     """Times in s at which steps end, the last one of them that of the run, and their kinds."""
     begin, until = ends
-    near = close * (until - begin)
+    near = _SHORTEST * (until - begin)
     every = {x for at in stops.values() for x in at if begin < x < until - near}
     times = np.array([*sorted(every), until])
     kind = np.full(len(times), ON)
@@ -382,25 +324,6 @@ def _stops(
     return times, kind
 
 
-def _table(radau: Radau, ends: tuple[float, float], corners: Sequence[float]) -> Table | None:
-    """What is prescribed in a run, as polynomials between corners (s); None: it is not smooth."""
-    problem, kernel = radau.problem, radau.kernel
-    system, drive = problem.dynamics.system, problem.drive
-    made_of, table = kernel.table
-    asked_for = (problem.motion, drive and drive.forward, *ends, *corners)
-    # A load that switches is another at the end of one step than at the start of the next.
-    if system.loads.timed or made_of == asked_for:
-        return table
-    n, forces = len(system.motors), kernel.counts["forces"]
-    kinds = [slice(*pair) for pair in pairwise(np.cumsum([0, n, n, n, forces]))]
-    table = None
-    with contextlib.suppress(SceneError):  # somewhere on the way: as far as it can
-        pieces = getattr(problem.motion, "pieces", None)
-        table = tabulated(radau.at, kinds, *ends, corners, pieces)
-    kernel.table = asked_for, table
-    return table
-
-
 # A diverging iteration overflows before it is caught.
 @np.errstate(over="ignore", invalid="ignore")
 def integrate(
@@ -409,14 +332,14 @@ def integrate(
     start: tuple[Array, Array],
     t: Array,
     stops: Mapping[int, Sequence[float]],
-    keeper: Keeper,
+    record: Record,
     first: float = SHORT,
     scale: float = 0.0,
     pilot: bool = False,
     progress: Callable[[int, int], None] | None = None,
     judged: bool = False,
 ) -> Run:
-    """March from t[0] to t[-1] and answer at the times that the keeper has.
+    """March from t[0] to t[-1] and answer at the times that the record has.
 
     Returns:
         States, multipliers and torques at the samples.
@@ -425,35 +348,36 @@ def integrate(
     """
     ends, room = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1) if judged else (_RECORDED, 1)
     first = first * (ends[1] - ends[0])
-    march = March(name, radau, start, ends, stops, first, room)
-    march.know(scale, pilot)
-    keeper.start(march.now)
+    march = March(name, radau, start, ends, stops, first, room, scale, pilot)
+    record.start(march.now)
 
     def run() -> Run:
         cost = march.cost()
         dt = (march.now.t - float(t[0])) / max(cost["steps"], 1.0)
-        found = keeper.run(cost, {**radau.settings, "scale": march.scale, "dt": dt})
+        settings: Settings = {
+            "integrator": "radau", "stages": radau.method.s, "scale": march.at.scale, "dt": dt,
+        }  # fmt: skip
+        found = record.run(cost, settings)
         return found if march.events is None else _with_events(found, march.events)
 
     waiting = True  # whether the steps that are pending have yet to be recorded
     try:
         while not march.done:
-            march.resolution = keeper.resolution
-            march.advance()
+            march.advance(record.resolution)
             waiting = False
-            good = keeper.take(march.steps)
-            march.settle(good, keeper.resolution)
+            good = record.take(march.steps)
+            march.settle(good, record.resolution)
             waiting = True
             if progress is not None:
-                progress(keeper.count, len(t))
+                progress(record.count, len(t))
     except (ConvergenceError, MotionError) as error:
-        keeper.finish(march.steps)
+        record.finish(march.steps)
         error.result = run()
         raise
     except KeyboardInterrupt:
         if waiting:
-            keeper.finish(march.steps)
-        if keeper.count < 2:
+            record.finish(march.steps)
+        if record.count < 2:
             raise  # nothing but the start
         raise RunInterrupted(run()) from None
     return run()
@@ -465,7 +389,7 @@ def along(
     start: tuple[Array, Array],
     ends: Array,
     stops: Mapping[int, Sequence[float]],
-    keeper: Keeper,
+    record: Record,
 ) -> Run:
     """A run in given steps: those of another run, so that the two can be subtracted.
 
@@ -475,7 +399,7 @@ def along(
     taken in pieces: one that another design does not need differs by no more than what it leaves.
     """
     radau.tolerance, radau.control, steps = SHARP, _GIVEN, len(ends) - 1
-    run = integrate(name, radau, start, ends, {**stops, ON: ends[1:].tolist()}, keeper, 1.0)
+    run = integrate(name, radau, start, ends, {**stops, ON: ends[1:].tolist()}, record, 1.0)
     dt = float(ends[-1] - ends[0]) / steps
     settings: Settings = {**run.settings, "dt": dt, "steps": "given"}
     return replace(run, cost={**run.cost, "steps": float(steps)}, settings=settings)
@@ -514,7 +438,7 @@ class Record:
 
     Attributes:
         t: Samples in s. count: Number of those that are there.
-        resolution: Of the steps. ends: Times at which steps ended [s].
+        resolution: Of the steps to come. ends: Times at which steps ended [s].
     """
 
     def __init__(self, system: System, t: Array, resolution: float) -> None:
@@ -522,14 +446,13 @@ class Record:
         self.system, self.t, self.count, self.resolution = system, t, 0, resolution
         widths = system.nq, system.nv, system.nv, system.closed.n, len(system.motors), 2
         self._columns = States(*(np.zeros((n, width)) for width in widths))
-        self._total = np.zeros(2)
-        self.ends: list[float] = []
+        self._total, self.ends = np.zeros(2), list[float]()
 
     def start(self, now: State) -> None:
-        """Take the first state."""
+        """Take the first state, or begin anew."""
         for name in STATE:
             getattr(self._columns, name)[0] = getattr(now, name)
-        self.count = 1
+        self.count, self._total, self.ends = 1, np.zeros(2), []
 
     def read(self, steps: Batch) -> States:
         """States at the samples in steps that follow those taken, where `take` leaves them."""
@@ -543,7 +466,7 @@ class Record:
         return room
 
     def take(self, steps: Batch) -> int:
-        """Record steps, all of which stay."""
+        """Record steps; the number of them that stay (here all), or ANEW: not even earlier ones."""
         if len(steps):
             self.keep(steps, len(self.read(steps).y))
         return len(steps)

@@ -114,16 +114,10 @@ def compile_wasm(out: Path) -> Path:
     if not found:
         raise RuntimeError("no clang that makes WebAssembly: pip install ziglang")
     calls = *(f"pinflex_{name}" for name in WASM_CALLS), *WASM_INSIDE
-    exports = [f"-Wl,--export={name}" for name in calls]
-    sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
-    fresh = out.with_name(f"{out.name}.{os.getpid()}")
-    define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
-    command = [*found[0], *WASM_FLAGS, *exports, define, *sources, "-lm", "-o", str(fresh)]
     try:
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+        _linked([*found[0], *WASM_FLAGS, *(f"-Wl,--export={name}" for name in calls)], out)
     except (OSError, subprocess.SubprocessError) as error:
         raise RuntimeError(in_short(error)) from error
-    os.replace(fresh, out)
     return out
 
 
@@ -167,21 +161,28 @@ def _compile(
 ) -> Path:  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / name_of(target, build)
-    # Written beside, then moved: whoever has the old library open keeps it.
-    fresh = out.with_name(f"{out.name}.{os.getpid()}")
-    sources = [str(path) for path in sorted(SOURCE.glob("*.c"))]
     flags = (*FLAGS, *(zig if "ziglang" in compiler else other))
     flags += tuple(os.environ.get("PINFLEX_KERNEL_FLAGS", "").split())
+    digest = _linked([*compiler, *flags], out)
+    digest_of(out).write_text(f"{digest}\n", "ascii")
+    for left in folder.glob(f"{out.name}*.pdb"):
+        left.unlink()
+    return out
+
+
+def _linked(command: list[str], out: Path) -> str:
+    """Compile the sources into a file, and answer with its digest.
+
+    Written beside, then moved: whoever has the old one open keeps it.
+    """
+    fresh, sources = out.with_name(f"{out.name}.{os.getpid()}"), sorted(SOURCE.glob("*.c"))
     define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
-    command = [*compiler, *flags, define, *sources, "-lm", "-o", str(fresh)]
-    subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+    whole = [*command, define, *map(str, sources), "-lm", "-o", str(fresh)]
+    subprocess.run(whole, check=True, capture_output=True, text=True, timeout=600)
     digest_of(out).unlink(missing_ok=True)
     digest = hashlib.sha256(fresh.read_bytes()).hexdigest()
     os.replace(fresh, out)
-    digest_of(out).write_text(f"{digest}\n", "ascii")
-    for left in folder.glob(f"{fresh.stem}*.pdb"):
-        left.unlink()
-    return out
+    return digest
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.errors import PinflexError
-from pinflex.kernel.library import Record, aligned, kernel, names
+from pinflex.kernel.library import Record, aligned, loaded, names, numbers, place
 
 # Flat tables of one system, as the C code reads them; fields and shapes are those of `Tables` in
 # source/kernel.h, which says what they hold. Sizes are checked here; that every index is within
@@ -161,10 +161,7 @@ class Evaluator:
         Raises:
             PinflexError: There is no kernel.
         """
-        library = kernel()
-        if library.functions is None:
-            raise PinflexError(f"kernel: {library.said}.")
-        self.functions, self.tables = library.functions, tables
+        self.functions, self.tables = loaded(), tables
         self._loads, self._node_of, n = loads, node_of, tables.counts
         self._widths = {
             "y": n["nq"], "v": n["nv"], "a": n["nv"], "lam": n["closures"], "scale": n["forces"]
@@ -271,20 +268,17 @@ class Evaluator:
         *states, t = states
         given = self._given(**dict(zip(self._widths, [*states, self.scale(t)], strict=True)))
         size = self._widths["v"] * (3 * self._widths["v"] + self._widths["lam"])
-        if len(states[0]) != len(out) or not out.flags.c_contiguous or out.shape[1] < len(at):
-            raise PinflexError("kernel: no room for the linear systems.")
         if len(at) and not 0 <= np.min(at) <= np.max(at) < size:
             raise PinflexError(f"kernel: an entry of a tangent of {size}.")
-        numbers, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
-        where = len(at), numbers, room, out.shape[1], out
+        to = place(out, len(states[0]), max(out.shape[1], len(at)))
+        entries, room = np.ascontiguousarray(at, dtype=np.int64), np.empty(size)
+        where = len(at), entries, room, out.shape[1], to
         self._call("linear_systems", int(rates), len(out), *given, *where)
 
     def saddle(self, S: Array, b: Array) -> Array:
         """The solution x (n,) of S x = b, of least norm where S (n, n) is singular."""
         n = len(b)
-        if S.shape != (n, n):
-            raise PinflexError(f"kernel: a matrix of {S.shape} for {n} unknowns.")
-        rooms = np.array(S, dtype=np.float64, order="F"), np.array(b, dtype=np.float64)
+        rooms = np.array(numbers(S, n, n), order="F"), np.array(b, dtype=np.float64)
         order, x = np.empty(3 * n, dtype=np.int64), np.empty(n)
         arrays = (*rooms, np.empty((n, n + 1)), order, x)
         self.functions.pinflex_saddle(n, *(array.ctypes.data for array in arrays))
@@ -297,12 +291,8 @@ class Evaluator:
 
     def _given(self, **states: Array) -> list[Array]:
         """States as the C code reads them."""
-        given = [np.ascontiguousarray(array, dtype=np.float64) for array in states.values()]
-        for name, array in zip(states, given, strict=True):
-            if array.shape != (len(given[0]), self._widths[name]):
-                wanted = f"(n, {self._widths[name]})"
-                raise PinflexError(f"kernel: a state of {array.shape}, not {wanted}.")
-        return given
+        n = len(next(iter(states.values())))
+        return [numbers(array, n, self._widths[name]) for name, array in states.items()]
 
     def _room(self, n: int, *like: str) -> list[Array]:
         return [np.empty((n, self._widths[name])) for name in like]
@@ -345,6 +335,7 @@ class LinearKernel:
 
     Attributes:
         state: d, v, a and the algorithmic acceleration that the next step starts from, (4, n).
+        at: The C structure.
     """
 
     def __init__(
@@ -360,11 +351,8 @@ class LinearKernel:
         `constant`: S, C, K (n, n) and J (rows, n), zero where entries vary; `varies`: where those
         of the first three, and of J, do. `settings`: h and `OF_METHOD`.
         """
-        library = kernel().functions
-        if library is None:
-            raise PinflexError(f"kernel: {kernel().said}.")
         square, closures = varies
-        self._functions, self._systems = library, systems
+        self._functions, self._systems = loaded(), systems
         self._width = int(3 * np.sum(square) + np.sum(closures))
         self.rows, self.n = constant["J"].shape
         size = self.n + self.rows
@@ -381,7 +369,7 @@ class LinearKernel:
         self._record = Record(
             "Linear", sizes, given, kept=int(kept), lu=self._lu.ctypes.data, **settings
         )
-        self.state = self._record.arrays["state"]
+        self.at, self.state = self._record.at, self._record.arrays["state"]
 
     def forget(self) -> None:
         """Factors are those of other systems from here on."""
@@ -389,9 +377,8 @@ class LinearKernel:
 
     def use(self, room: Array) -> None:
         """Keep factors in `room`, (systems * (n + rows)^2,); none are there yet."""
-        if room.size != self._systems * (self.n + self.rows) ** 2 or not room.flags.c_contiguous:
-            raise PinflexError(f"kernel: {room.size} numbers for the factors.")
-        self._lu, self._record.at.lu = room, room.ctypes.data
+        self.at.lu = place(room, self._systems * (self.n + self.rows) ** 2)
+        self._lu = room
         self.forget()
 
     def march(
@@ -404,20 +391,15 @@ class LinearKernel:
         """Steps from `state` on; the number of those that were taken before a singular system."""
         count, n, rows = len(system), self.n, self.rows
         at = np.ascontiguousarray(system, dtype=np.int64)
-        arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (value, load)]
         if count and (np.min(at) < 0 or np.max(at) >= min(len(value), self._systems)):
             raise PinflexError("kernel: a step of a system that is not given.")
         if self._kept and not self._lu.size:
             raise PinflexError("kernel: no room for the factors.")
-        shapes = (arrays[0].shape[1:], arrays[1].shape, *(x.shape for x in response))
-        if shapes != ((self._width,), *((count, n),) * 4, (count, rows)):
-            raise PinflexError(f"kernel: a march of {shapes}.")
-        if not all(x.flags.c_contiguous and x.dtype == np.float64 for x in response):
-            raise PinflexError("kernel: arrays that are not in one piece.")
-        here = self._record.at
+        given, here = (numbers(value, len(value), self._width), numbers(load, count, n)), self.at
         here.count, here.system = count, at.ctypes.data
-        here.value, here.load = (x.ctypes.data for x in arrays)
-        here.d, here.v, here.a, here.lam = (x.ctypes.data for x in response)
+        here.value, here.load = (x.ctypes.data for x in given)
+        widths = zip(response, (n, n, n, rows), strict=True)
+        here.d, here.v, here.a, here.lam = (place(x, count, width) for x, width in widths)
         return int(self._functions.pinflex_linear_march(self._record.address))
 
 

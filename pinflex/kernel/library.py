@@ -88,6 +88,25 @@ def aligned(numbers: int) -> Array:
     return raw[-raw.ctypes.data // 8 % _EVERY :][:numbers]
 
 
+def numbers(x: npt.ArrayLike, *shape: int) -> Array:
+    """Numbers of a shape as the C code reads them.
+
+    Raises:
+        PinflexError: They have another one.
+    """
+    array = np.ascontiguousarray(x, dtype=np.float64)
+    if array.shape != shape:
+        raise PinflexError(f"kernel: an array of {array.shape}, not {shape}.")
+    return array
+
+
+def place(x: Array, *shape: int) -> int:
+    """Where an array of a shape is that the C code writes; a PinflexError where it cannot."""
+    if numbers(x, *shape) is not x:
+        raise PinflexError("kernel: an array that is not of numbers in one piece.")
+    return x.ctypes.data
+
+
 class Record:
     """A structure of the kernel with its arrays, given or zero, as the sources declare them.
 
@@ -202,6 +221,14 @@ def kernel() -> Library:
     return _load()
 
 
+def loaded() -> ctypes.CDLL:
+    """The compiled functions; a PinflexError where there are none."""
+    library = kernel()
+    if library.functions is None:
+        raise PinflexError(f"kernel: {library.said}.")
+    return library.functions
+
+
 @cache
 def warn_if_missing() -> None:
     """Warn, once a process, where there is no library although nobody switched it off."""
@@ -263,16 +290,10 @@ def _declared(functions: ctypes.CDLL) -> ctypes.CDLL | None:
 
 
 def _runs(name: str) -> bool:
-    """Whether this processor runs a build."""
+    """Whether this processor runs a build; that which runs everywhere knows."""
     if name == "baseline":
         return True
-    return _baseline_says("pinflex_has_v3")
-
-
-def _baseline_says(question: str) -> bool:
-    """An answer of the build that runs everywhere."""
-    path = _FOLDER / build.name_of(build.here(), "baseline")
     try:
-        return bool(getattr(_opened(path), question)())
+        return bool(_opened(_FOLDER / build.name_of(build.here(), "baseline")).pinflex_has_v3())
     except (OSError, AttributeError):
         return False

@@ -13,7 +13,6 @@ from pinflex.integrators.collocation import AlphaScheme, implicit_euler
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.equal_steps import NEWTON, CompiledAlpha
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
-from pinflex.kernel.march import AlphaKernel
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import frozen
@@ -64,8 +63,7 @@ class Engine:
         self.march = PlainAlpha(mechanism, dynamics, self.path, scheme, drive, NEWTON, None)
         widths = (system.nq, *(system.nv,) * 3, system.closed.n, nm, 2)
         self.found = tuple(np.zeros((2, n)) for n in widths)
-        self._compiled: CompiledAlpha | None = None
-        self.kernel: AlphaKernel  # from the first start on
+        self.kernel: CompiledAlpha  # from the first start on
         self.stages = Stages(self.march.problem, implicit_euler())
 
     def shares(self, t: float) -> None:
@@ -77,22 +75,20 @@ class Engine:
         self.path.t[:] = t, t + self.march.h
         for column, value in zip(self.found, self._parts(now), strict=False):
             column[:] = value
-        if self._compiled is None:
-            self._compiled = CompiledAlpha(self.march, self.stages, self.found, 0)
-            kernel, b = self._compiled.kernel, self.bounds
+        if not hasattr(self, "kernel"):
+            kernel = self.kernel = CompiledAlpha(self.march, self.stages, self.found, 0)
+            b, self.scale, self.take = self.bounds, kernel.rows[3], kernel.marcher(1, 1)
             kernel.limit(b.tangents, b.every, b.iterations, b.stops)
-            self.kernel, self.scale, self.take = kernel, kernel.rows[3], kernel.marcher(1, 1)
         kernel = self.kernel
         kernel.forget()
-        kernel.at.reference = self._compiled.scale(0)
+        kernel.at.reference = kernel.scale(0)
         if anew and self.march.dynamics.looped:
             kernel.at.allowed = 0  # the steps of a start are not those of the loop
-            now = self.march.quiet(now, self._compiled.step(1, now, now), 0)
+            now = self.march.quiet(now, kernel.step(1, now, now), 0)
             kernel.at.allowed, kernel.at.age = self.bounds.tangents, 0
         for column, value in zip(self.found, self._parts(now), strict=False):
             column[:] = value
-        states = self._parts(now)[:5]
-        kernel.begin(states, states)
+        kernel.begin(now, now)
 
     @staticmethod
     def _parts(x: Step) -> Sequence[Array]:
@@ -101,7 +97,7 @@ class Engine:
     @property
     def stopped(self) -> int:
         """The motor that would have passed its stop in the last step, or -1."""
-        return -1 if self._compiled is None else int(self.kernel.at.stopped)
+        return int(self.kernel.at.stopped) if hasattr(self, "kernel") else -1
 
     def kept(self) -> Step:
         """Where the last step ended."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.errors import ConvergenceError, Ending, SceneError
-from pinflex.integrators.corrector import Before, Corrector, Inside
+from pinflex.integrators.corrector import Corrector, Inside
 from pinflex.integrators.march import ANEW, Radau, Record
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.outputs import (
@@ -164,11 +164,11 @@ class ErrorControl:
 CONTROL = ErrorControl()
 
 
-class Judge:
-    """Keeps the corrections of the steps of a run, and sends it back where they differ.
+class Judge(Record):
+    """Records the corrections of the steps of a run, and sends it back where they differ.
 
     Attributes:
-        resolution: Of the steps to come. lowest: The least one so far.
+        lowest: The least resolution so far.
         stuck: Whether it goes on whatever the error.
         begun: How often the run has begun.
     """
@@ -185,14 +185,16 @@ class Judge:
         again: bool,
     ) -> None:
         """`again`: the resolution is not to rise, for it did in a run whose error was too large."""
-        problem = radau.problem
+        problem, system = radau.problem, radau.problem.dynamics.system
+        super().__init__(system, t, resolution)
         problem.path = _remembering(problem.path)  # both corrections are sampled at the same times
-        self._radau, self._corrector, self._t = radau, Corrector(radau), t
-        self._second = Corrector(self._corrector.stages, slow=CONTROL.contraction)
+        self._radau, self._corrector = radau, Corrector(radau)
+        self._second = Corrector(self._corrector, slow=CONTROL.contraction)
+        self._better = Record(system, t, resolution)
         radau.loose = True
         self._compare, self._foreseen = compare, foreseen
         self._allowed, self._most = CONTROL.safety * PART * tol, PART * tol
-        self.resolution, self.lowest, self.stuck, self.begun = resolution, resolution, stuck, 1
+        self.lowest, self.stuck, self.begun = resolution, stuck, 1
         coarsest, tolerances = CONTROL.coarsest
         self._coarsest = max(tolerances * tol, min(coarsest, 10.0 * tol))
         if again:
@@ -200,25 +202,18 @@ class Judge:
         # Time (s), resolution and error of a sample that the run was sent back for.
         self._seen: tuple[float, float, float] | None = None
 
-    @property
-    def count(self) -> int:
-        """Samples recorded so far."""
-        return self._found.count
-
     def start(self, now: State) -> None:
         """Take the first state, or begin anew."""
+        super().start(now)
         self._now = now
-        system = self._radau.problem.dynamics.system
-        self._found = Record(system, self._t, self.resolution)
-        self._better = Record(system, self._t, self.resolution)
-        self._found.start(now)
         self._better.start(now)
-        self._before: tuple[Before, Before] | None = None
+        self._corrector.begin_anew()
+        self._second.begin_anew()
         self._sizes: dict[str, float] = {}
         self._moved, self._borne = False, 0.0
         self._histories: list[dict[str, History]] = []
         self._error, self._highest = 0.0, self.resolution
-        self._error_at = float(self._t[0])
+        self._error_at = float(self.t[0])
 
     def take(self, steps: Batch) -> int:
         """Correct steps twice and record both; the number of them that may stay, or ANEW."""
@@ -227,10 +222,11 @@ class Judge:
         t, h = steps.t, steps.h
         self._radau.slow = self._slowest(float(h[-1]))
         try:
-            corrected, twice = self._corrected(steps)
+            corrected = self._corrector.correct(steps)
+            twice = self._second.correct(corrected)
         except np.linalg.LinAlgError:
             return self._shorter()
-        found, better = self._found.read(corrected), self._better.read(twice)
+        found, better = self.read(corrected), self._better.read(twice)
         histories = self._compared(found, better)
         errors = self._errors(corrected, twice, histories)
         bad = np.flatnonzero(~(errors <= max(self._allowed, self._borne)))
@@ -251,19 +247,16 @@ class Judge:
         self._error, self._error_at = max(self._error, float(np.max(errors[:good]))), end
         steps, corrected, twice = (x.upto(good) for x in (steps, corrected, twice))
         kept = self._samples(steps)
-        self._keep(steps, corrected, twice, kept)
+        self.keep(corrected, kept)
+        self._better.keep(twice, kept)
+        self._corrector.keep(steps, corrected)
+        self._second.keep(corrected, twice)
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
 
-    def _keep(self, steps: Batch, once: Batch, twice: Batch, samples: int) -> None:
-        """Record steps that stay, corrected once and twice, and so many samples in them."""
-        self._found.keep(once, samples)
-        self._better.keep(twice, samples)
-        self._before = self._corrector.last(steps, once), self._second.last(once, twice)
-
     def runs(self) -> tuple[Run, Run]:
         """The corrected run, and the one corrected twice."""
-        return self._found.run({}, {}), self._better.run({}, {})
+        return super().run({}, {}), self._better.run({}, {})
 
     def finish(self, steps: Batch) -> None:
         """Record the last steps of a run that has broken off."""
@@ -280,11 +273,11 @@ class Judge:
             "steps": steps + cost["repeated"],
             "runs": float(self.begun),
         }
-        return self._found.run(cost, settings)
+        return super().run(cost, settings)
 
     def inside(self, jumps: Sequence[float], run: Run) -> Inside:
         """What solves the equations at samples inside steps."""
-        problem, jumps = self._radau.problem, (float(self._t[0]), *jumps)
+        problem, jumps = self._radau.problem, (float(self.t[0]), *jumps)
         return Inside(problem.free, problem.push, jumps, run.settings["dt"])
 
     @cached_property
@@ -304,25 +297,19 @@ class Judge:
             return self._compare.differences(*self.runs())  # at rest, or joints alone move
         return {key: error for key, error in found.items() if error is not None}
 
-    def _corrected(self, steps: Batch) -> tuple[Batch, Batch]:
-        """Steps corrected once and twice."""
-        before, again = self._before or (None, None)
-        once = self._corrector.correct(steps, before)
-        return once, self._second.correct(once, again)
-
     def _samples(self, steps: Batch) -> int:
         """Number of samples in steps to come."""
         end = float(steps.ends[-1])
-        return int(np.searchsorted(self._t, end, side="right")) - self._found.count
+        return int(np.searchsorted(self.t, end, side="right")) - self.count
 
     def _slowest(self, h: float) -> float:
         """Contraction that a correction may have, where so many steps of h (s) follow."""
-        number = float(self._t[-1] - self._t[0]) / h
+        number = float(self.t[-1] - self.t[0]) / h
         return min(0.1, float(np.sqrt(0.3 / number)))
 
     def _compared(self, found: States, better: States) -> dict[str, History]:
         """Errors of the outputs at the samples of states, and how large they are."""
-        n, first = self._found.count, self._now.y
+        n, first = self.count, self._now.y
         self._moved |= bool(np.abs(better.y - first).max(initial=0.0) > REST)
         histories = self._compare.histories(self._run(found), self._run(better), n, first)
         for key, history in histories.items():
@@ -332,7 +319,7 @@ class Judge:
 
     def _run(self, states: States) -> Run:
         y, v, a, lam, torque, _ = states
-        return Run(self._found.system, np.zeros(len(y)), y, v, a, lam, torque, {})
+        return Run(self.system, np.zeros(len(y)), y, v, a, lam, torque, {})
 
     def _at_ends(self, corrected: Batch, twice: Batch) -> dict[str, History]:
         """Errors of the outputs at the ends of steps."""
@@ -345,13 +332,13 @@ class Judge:
         if not self._moved:
             return worst  # at rest: round-off is all that differs
         ends = twice.ends
-        looked_at = self._t[self._found.count :]
+        looked_at = self.t[self.count :]
         for key, (at, apart, _) in histories.items():
             np.maximum.at(worst, np.searchsorted(ends, looked_at[at]), apart / self._scale(key))
         fewest = min((len(history.at) for history in histories.values()), default=0)
         if fewest < len(twice):  # between few samples an error would be found too late
             # What velocities leave open at the start shows in the forces of the first step.
-            first = int(self._before is None)
+            first = int(not self.ends)
             for key, (_, apart, _) in self._at_ends(corrected, twice).items():
                 worst[first:] = np.maximum(worst, apart / self._scale(key))[first:]
         return worst
@@ -389,7 +376,7 @@ class Judge:
 
     def _in_hindsight(self, end: float) -> bool:
         """Whether a run that has come to `end` (s) would better have begun with short steps."""
-        half = 0.5 * float(self._t[0] + self._t[-1])
+        half = 0.5 * float(self.t[0] + self.t[-1])
         far_finer = self.resolution < CONTROL.hindsight * self._highest
         return far_finer and end < half and self.begun <= CONTROL.restarts
 
@@ -429,7 +416,7 @@ class Judge:
 
         What has grown so far is taken to grow once more in the same time, at the most.
         """
-        begin, until = float(self._t[0]), float(self._t[-1])
+        begin, until = float(self.t[0]), float(self.t[-1])
         now = max(self._error, float(np.max(errors)))
         slope = (now - self._error) / max(end - self._error_at, 1e-300)
         growth = slope * min(until - end, end - begin)

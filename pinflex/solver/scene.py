@@ -22,10 +22,9 @@ from pinflex.integrators import equal_steps as coupled
 from pinflex.integrators import march as collocation
 from pinflex.integrators.collocation import AlphaScheme, Collocation, radau, scheme
 from pinflex.integrators.corrector import after_jumps
-from pinflex.integrators.march import FIRM, STAGES, Radau, Record
+from pinflex.integrators.march import FIRM, HOLDS, RESTARTS, STAGES, Radau, Record
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.problem import Problem, Run
-from pinflex.kernel.march import HOLDS, RESTARTS
 from pinflex.levels.ked import method_of, solve_ked
 from pinflex.levels.modes import default_step, modes, rings_below
 from pinflex.levels.rigid import rigid_torques
@@ -327,7 +326,7 @@ class Scene:
         self,
         t: Array,
         resolution: float,
-        keeper: Callable[[Radau], collocation.Keeper],
+        keeper: Callable[[Radau], Record],
         first: float,
         scale: float,
         progress: Progress | None = None,
@@ -429,7 +428,7 @@ class Scene:
         steps = Radau(problem, method, self.by_forces)
         if self.sampled:
             part = max(_HELD_NEWTON * resolution, FIRM.relative)
-            steps.tolerance = replace(FIRM, relative=part)
+            steps.tolerance = FIRM._replace(relative=part)
         return steps
 
     @property

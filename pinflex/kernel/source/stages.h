@@ -7,7 +7,7 @@
 enum { MOST_STAGES = 9 }; /* 7 of a run, and two corrections */
 
 /* Arrays with their shape in brackets, which Python reads there and makes; complex numbers are pairs.
-   size = free + closures; room: see `StageKernel` in pinflex/kernel/march.py. */
+   size = free + closures; room: see `StageKernel` in pinflex/integrators/compiled.py. */
 typedef struct {
   Int s, values;                                     /* stages, eigenvalues of A^-1 kept */
   Int free, motors, prescribed;                      /* free rows; motors prescribed, or driven */

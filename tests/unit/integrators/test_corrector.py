@@ -25,7 +25,7 @@ import pinflex as pf
 from pinflex.actuation.drive import nominal
 from pinflex.arrays import Array
 from pinflex.integrators.compiled import Batch
-from pinflex.integrators.corrector import Before, Corrector
+from pinflex.integrators.corrector import Corrector
 from pinflex.integrators.march import Radau, Record
 from pinflex.integrators.problem import Run, State
 from pinflex.kernel.library import kernel
@@ -48,9 +48,8 @@ class Kept(Record):
         system = radau.problem.dynamics.system
         super().__init__(system, t, resolution)
         self.corrector, self.corrected = Corrector(radau), Record(system, t, resolution)
-        self.second = Corrector(self.corrector.stages)
+        self.second = Corrector(self.corrector)
         self.twice, self.back = Record(system, t, resolution), back
-        self.before: tuple[Before | None, Before | None] = (None, None)
 
     def start(self, now: State) -> None:
         super().start(now)
@@ -61,9 +60,10 @@ class Kept(Record):
         if self.back:
             self.back, self.resolution = False, 0.1 * self.resolution
             return super().take(steps.upto(3))
-        once = self.corrector.correct(steps, self.before[0])
-        twice = self.second.correct(once, self.before[1])
-        self.before = self.corrector.last(steps, once), self.second.last(once, twice)
+        once = self.corrector.correct(steps)
+        twice = self.second.correct(once)
+        self.corrector.keep(steps, once)
+        self.second.keep(once, twice)
         self.corrected.take(once)
         self.twice.take(twice)
         return super().take(steps)

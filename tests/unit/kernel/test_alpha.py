@@ -19,9 +19,11 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import PinflexError, RunInterrupted
+from pinflex.integrators.collocation import implicit_euler
+from pinflex.integrators.compiled import Stages
+from pinflex.integrators.equal_steps import CompiledAlpha
 from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
-from pinflex.kernel.march import AlphaKernel
 from pinflex.lab.loops import SPEEDS, four_bars, four_bars_exact
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.solver.scene import Scene
@@ -72,14 +74,14 @@ def test_a_feedback_goes_on_from_batch_to_batch(
     model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     overrides, control = CONTROLS[model]
-    m, plain, calls = pf.load(model, overrides), AlphaKernel.march, []
+    m, plain, calls = pf.load(model, overrides), CompiledAlpha.march, []
     whole = steps_of(m, 0.02, control=control)
 
-    def march(self: AlphaKernel, first: int, count: int) -> int:
+    def march(self: CompiledAlpha, first: int, count: int) -> int:
         calls.append(first)
         return plain(self, first, min(count, 7))
 
-    monkeypatch.setattr(AlphaKernel, "march", march)
+    monkeypatch.setattr(CompiledAlpha, "march", march)
     found = steps_of(m, 0.02, control=control)
     assert len(calls) > 20 and found.signals is not None and whole.signals is not None
     np.testing.assert_array_equal(found.y, whole.y)
@@ -130,17 +132,17 @@ def test_a_run_is_told_of_and_stopped_between_batches() -> None:
 
 
 def test_sizes_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, plain = [], AlphaKernel.march
+    made, plain = [], CompiledAlpha.march
 
-    def march(self: AlphaKernel, first: int, count: int) -> int:
+    def march(self: CompiledAlpha, first: int, count: int) -> int:
         made.append(self)
         return plain(self, first, count)
 
-    monkeypatch.setattr(AlphaKernel, "march", march)
+    monkeypatch.setattr(CompiledAlpha, "march", march)
     run_of("ur5")
     for first, count in ((0, 3), (199, 3), (1, -1)):
         with pytest.raises(PinflexError, match=f"{count} steps from {first}"):
             plain(made[0], first, count)
-    rows = [np.zeros((3, 2))] * 4
-    with pytest.raises(PinflexError, match="numbers, not"):
-        AlphaKernel(made[0]._stages, None, rows, [np.zeros((3, 1))] * 7)  # type: ignore[arg-type]
+    stages = Stages(made[0]._march.problem, implicit_euler())
+    with pytest.raises(PinflexError, match="an array of"):
+        CompiledAlpha(made[0]._march, stages, [np.zeros((3, 1))] * 7, 0)

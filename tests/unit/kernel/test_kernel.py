@@ -333,7 +333,7 @@ def test_and_frames_stand_where_pinocchio_has_them(seed: int) -> None:
         for one, other in zip(found, expected, strict=True):  # seen: 4e-15 in metres of chain
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
     evaluator = Evaluator(system.tables)
-    with pytest.raises(PinflexError, match="a state of"):
+    with pytest.raises(PinflexError, match="an array of"):
         evaluator.poses(Y[:, 1:], [0])
     with pytest.raises(PinflexError, match="a node that is none"):
         evaluator.poses(Y, [evaluator.tables.counts["nodes"]])
@@ -370,7 +370,7 @@ def test_sizes_and_indices_are_checked_at_the_boundary() -> None:
     system, home = at_home(mechanism("3rrr"), "flexible")
     Y, V, A, lam, _ = states(system, home, 3)
     evaluator = Evaluator(system.tables)
-    with pytest.raises(PinflexError, match="a state of"):
+    with pytest.raises(PinflexError, match="an array of"):
         evaluator.residual(Y[:, 1:], V, A, lam, np.zeros((3, 0)))
     counts, arrays = system.tables.__reduce__()[1]
     for name, wrong in (("node_v", 1_000_000), ("parent", 1_000_000), ("kind", 7), ("phi_at", -1)):

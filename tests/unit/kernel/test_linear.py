@@ -142,11 +142,11 @@ def test_arrays_of_other_shapes_are_refused():
     found = tuple(np.zeros((4, width)) for width in (2, 2, 2, 0))
     with pytest.raises(PinflexError, match="no room"):
         kernel.march(steps, value, np.zeros((4, 2)), found)
-    with pytest.raises(PinflexError, match="11 numbers"):
+    with pytest.raises(PinflexError, match="an array of"):
         kernel.use(np.zeros(11))
     kernel.use(np.zeros(12))
     assert kernel.march(steps, value, np.zeros((4, 2)), found) == 4
-    with pytest.raises(PinflexError, match="a march of"):
+    with pytest.raises(PinflexError, match="an array of"):
         kernel.march(steps, value, np.zeros((4, 3)), found)
     with pytest.raises(PinflexError, match="not given"):
         kernel.march(steps + 3, value, np.zeros((4, 2)), found)
@@ -167,9 +167,9 @@ def test_linear_systems_of_several_states_are_the_tangents_at_each():
         each = dynamics.tangent(y[k], v[k], a[k], lam[k], 0.0)
         whole = np.concatenate([x.ravel() for x in each])
         assert np.array_equal(found[k, :200], whole[at]) and np.all(np.isnan(found[k, 200:]))
-    with pytest.raises(PinflexError, match="no room"):
+    with pytest.raises(PinflexError, match="an array of"):
         compiled.linear_systems((y, v, a, lam, t), at, found[:, :100])
-    with pytest.raises(PinflexError, match="a state of"):
+    with pytest.raises(PinflexError, match="an array of"):
         compiled.linear_systems((y[:2], v, a, lam, t), at, found)
     with pytest.raises(PinflexError, match="an entry of a tangent"):
         compiled.linear_systems((y, v, a, lam, t), at + nv * (3 * nv + closures), found)

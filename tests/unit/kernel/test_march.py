@@ -31,14 +31,13 @@ from pinflex.actuation import drive
 from pinflex.arrays import Array
 from pinflex.description.loops import LOOP_KINDS, Loop
 from pinflex.errors import ConvergenceError, Ending, PinflexError, RunInterrupted
-from pinflex.integrators import march
+from pinflex.integrators import compiled, march
 from pinflex.integrators.collocation import radau
-from pinflex.integrators.compiled import STATE, Batch, read, tabulated
+from pinflex.integrators.compiled import STATE, Batch, MarchKernel, StageKernel, read, tabulated
 from pinflex.integrators.march import March, Radau, Record
 from pinflex.kernel import evaluate
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import kernel
-from pinflex.kernel.march import MarchKernel, StageKernel
 from pinflex.mechanics.closure import closures
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -63,7 +62,7 @@ def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
         model.appendBodyToJoint(at, pin.Inertia.Random(), pin.SE3.Identity())
     system, m, none = bare(model), radau(3), np.zeros(0, dtype=np.intp)
     rows = {"free_at": np.arange(model.nv), "motor_v": none} | sorts_of(model)
-    stages = StageKernel(Compiled(system), m.arrays, False, rows)
+    stages = StageKernel(Compiled(system), m, False, rows)
     pin.seed(1)
     y = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     v = size * rng.normal(size=model.nv)
@@ -80,7 +79,7 @@ def test_free_bodies_move_as_pinocchio_has_them(size: float) -> None:
 def test_what_has_no_table_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     given, t = scene(pf.load("race_r1"), ()), np.linspace(0.0, 0.02, 21)
     tabled = given.resolved(t, 1e-3)
-    monkeypatch.setattr(march, "tabulated", lambda *_: None)
+    monkeypatch.setattr(compiled, "tabulated", lambda *_: None)
     asked = scene(pf.load("race_r1"), ()).resolved(t, 1e-3)  # which has no table of the run before
     assert asked.cost == tabled.cost
     # what Newton may leave: 1e-5 of what moves, and h^2 divides it
@@ -104,7 +103,7 @@ def test_a_platform_is_marched_without_python(monkeypatch: pytest.MonkeyPatch) -
 
     kinds = [slice(3 * k, 3 * k + 3) for k in range(3)]
     table = tabulated(columns, kinds, 0.0, 0.7, motion.switches, path.pieces)
-    assert table is not None and len(table.node) == 7
+    assert table is not None and len(table.arrays["node"]) == 7
     times = np.random.default_rng(0).uniform(0.0, 0.7, 500)
     off = np.abs(read(table, times) - columns(times))
     for kind in kinds:  # seen: 2e-15 of the largest
@@ -213,9 +212,9 @@ def test_sizes_are_checked_where_arrays_go_over() -> None:
         made.samples(t, np.full(len(t), 99), room)
     with pytest.raises(PinflexError, match="samples outside"):
         made.samples(t, np.full(len(t), -2), room)
-    with pytest.raises(PinflexError, match="inputs of"):
+    with pytest.raises(PinflexError, match="an array of"):
         kernel.samples(t, np.ones(len(t), int), np.zeros((3, 1)), room)
-    with pytest.raises(PinflexError, match="room of"):
+    with pytest.raises(PinflexError, match="an array of"):
         kernel.samples(t, np.ones(len(t), int), None, room[::-1])
     with pytest.raises(PinflexError, match="weights"):
         kernel.correct(kernel, np.zeros((2, 2)), None, None)
@@ -229,7 +228,7 @@ def same_start(given: Scene) -> None:
     y = given.start.y
     v = 0.1 * np.random.default_rng(0).normal(size=given._system.nv)
     begun = March("", Radau(problem, radau(6)), (y, v), (0.0, 0.1), {}, 1e-4, (8, 9))
-    assert begun._kernel.begin()
+    assert begun.kernel.begin()
     problem.dynamics = Equations(given._system)
     found, expected = begun.now, problem.first(0.0, y, v)
     for name in ("a", "lam", "torque"):

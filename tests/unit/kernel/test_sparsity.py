@@ -17,8 +17,8 @@ import pytest
 import pinflex as pf
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import radau
+from pinflex.integrators.compiled import StageKernel
 from pinflex.kernel.library import constant, kernel
-from pinflex.kernel.march import StageKernel
 from pinflex.lab.scene import Body, scene
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.evaluation.compiled import Compiled
@@ -51,7 +51,7 @@ def test_all_stages_are_solved_as_by_the_whole_matrix(kind: str) -> None:
     m, none, free = radau(STAGES), np.zeros(0, dtype=np.intp), system.free
     stages = StageKernel(
         Compiled(system),
-        m.arrays,
+        m,
         False,
         {"free_at": free, "motor_v": none} | sorts_of(system.rigid),
     )
@@ -113,7 +113,7 @@ def test_a_tree_is_eliminated_block_by_block(stages: int) -> None:
     free = np.setdiff1d(system.free, system.motors)
     steps = StageKernel(
         Compiled(system),
-        m.arrays,
+        m,
         False,
         {"free_at": free, "motor_v": none} | sorts_of(system.rigid),
     )
