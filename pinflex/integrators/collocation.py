@@ -113,8 +113,10 @@ def _tableau(s: int) -> Collocation:
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
     last = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * with_0 - 1.0, s))[s, 1:]
-    parts = (_pairs(x) for x in (values[kept], inverse[kept], vectors[:, kept] * twice))
-    return Collocation(c, A, A @ A, np.linalg.inv(A @ A), *parts, last, basis, basis_0)
+    A2, parts = A @ A, (values[kept], inverse[kept], vectors[:, kept] * twice)
+    value, forward, back = (_pairs(x) for x in parts)
+    A2_inverse = np.asarray(np.linalg.inv(A2))
+    return Collocation(c, A, A2, A2_inverse, value, forward, back, last, basis, basis_0)
 
 
 def _pairs(x: Array) -> Array:

@@ -17,8 +17,8 @@ from pinflex.errors import ConvergenceError, Ending, MotionError, PinflexError, 
 from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain import radau as plain_radau
-from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence, PlainAlpha, Step
-from pinflex.integrators.problem import Problem, Run, Settings
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
+from pinflex.integrators.problem import Problem, Run, Settings, StepFailed
 from pinflex.kernel.library import Record, names, place, structure
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -113,7 +113,7 @@ def integrate(
         raise
     except KeyboardInterrupt:
         raise RunInterrupted(record.run(k)) from None
-    except (NoConvergence, np.linalg.LinAlgError) as error:
+    except (StepFailed, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
         so_far = record.run(k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
@@ -325,7 +325,7 @@ class CompiledAlpha:
         """Steps from k on, as far as they go: the last one, and the states there and before.
 
         Raises:
-            NoConvergence: The first step fails.
+            StepFailed: The first step fails.
         """
         feedback, law, t = self._march.feedback, self.law, self._march.path.t
         taken = self._take(k, now, last, upto)
@@ -349,7 +349,7 @@ class CompiledAlpha:
         march.iterations += at.iterations - before[0]
         march.tangents += at.refreshed - before[1]
         if not taken:
-            raise NoConvergence(self._room.arrays["r"][march.problem.free])
+            raise StepFailed(self._room.arrays["r"][march.problem.free])
         return taken
 
     def _state(self, k: int) -> Step:

@@ -152,7 +152,15 @@ _JUMP = 1e-6  # of the largest acceleration: less is what path_inside extrapolat
 
 
 class StepFailed(Exception):
-    """Newton did not converge in a step: a shorter one may."""
+    """Newton did not converge in a step: a shorter one may.
+
+    Attributes:
+        residual: Where it stopped, by free row (N | N m); nan: that is not known.
+    """
+
+    def __init__(self, residual: Array | float = np.nan) -> None:
+        super().__init__()
+        self.residual = np.atleast_1d(residual)
 
 
 @dataclass

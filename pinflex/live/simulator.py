@@ -18,8 +18,8 @@ from pinflex.description.motions.motion import Motion, formula, hold
 from pinflex.description.reading.schema import shown
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, SceneError, nearest
 from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.plain.alpha import MAX_ITERATIONS, NoConvergence
-from pinflex.integrators.problem import Run, Settings
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS
+from pinflex.integrators.problem import Run, Settings, StepFailed
 from pinflex.live.engine import Bounds, Engine
 from pinflex.live.sensors import FrameNow, LinkNow, Log, Motors, Sensor, Snapshot, number, placed
 from pinflex.mechanics.closing import limits_of
@@ -140,7 +140,7 @@ class Simulator:
             getattr(engine.path, name)[...] = getattr(path, name)
         try:
             engine.begin(0.0, engine.march.first(found.y, found.v, 0), True)
-        except (NoConvergence, np.linalg.LinAlgError):
+        except (StepFailed, np.linalg.LinAlgError):
             error = self._stuck(engine, self.dt)
             self._stay(before)
             raise error from None
@@ -310,7 +310,7 @@ class Simulator:
                 engine.torque[:] = torque
                 now = engine.march.first(now.y, now.v, 0)
             engine.begin(self.time, now, not led)
-        except (NoConvergence, np.linalg.LinAlgError):
+        except (StepFailed, np.linalg.LinAlgError):
             raise self._stuck(engine, self.time + self.dt) from None
         self._at = engine
         return engine

@@ -53,7 +53,7 @@ def marched(
     problem = Problem(m, Equations(m.flexible), lambda t: motor_path(m, motion, t))
     march, now, steps = PlainRadau(problem, radau(stages)), problem.first(0.0, y, v), list[Step]()
     for _ in range(round(until / h)):
-        steps.append(march.step(now, h, steps[-1] if steps else None))
+        steps.append(march.step(now, h))
         now = march.end(steps[-1])
     return march, steps, now
 

@@ -20,7 +20,7 @@ import numpy as np
 from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.arrays import Array
 from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.problem import Problem, consistent_acceleration
+from pinflex.integrators.problem import Problem, StepFailed, consistent_acceleration
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.text import frozen
@@ -34,18 +34,6 @@ MAX_ITERATIONS = 12
 # Contraction above which the next iteration has a new tangent, and above which it is none; then
 # corrections may be this many times what positions known to 1e-15 (m, rad) make of accelerations.
 _SLOW, _STALLED, _NOISE = 0.1, 0.7, 1e3
-
-
-class NoConvergence(Exception):
-    """Newton did not converge in a step.
-
-    Attributes:
-        residual: Where it stopped, by free row (N | N m).
-    """
-
-    def __init__(self, residual: Array) -> None:
-        super().__init__()
-        self.residual = residual
 
 
 @frozen
@@ -103,7 +91,7 @@ class PlainAlpha:
         """The state at step k: prescribe and predict, then residual and correct until it is near.
 
         Raises:
-            NoConvergence: With the residual it stopped at. LinAlgError: The matrix is singular.
+            StepFailed: With the residual it stopped at. LinAlgError: The matrix is singular.
         """
         free, (mass, by_v, by_y) = self.problem.free, self.weights
         a, s, v, move, lam = self.predict(k, now, last)
@@ -128,7 +116,7 @@ class PlainAlpha:
             # Displacements answer forces, and these those: corrections may shrink every other time.
             stalled = size > _STALLED * max(before, earlier)
             close |= stalled and size <= _NOISE * self._noise
-        raise NoConvergence(r[free] if near else np.full(len(free), np.nan))
+        raise StepFailed(r[free] if near else np.nan)
 
     def prescribe(self, k: int, y: Array) -> None:
         """Write the motors' positions at step k into a pose y (nq,), where they follow a path."""

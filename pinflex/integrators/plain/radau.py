@@ -69,12 +69,12 @@ class PlainRadau:
         self.iterations = self.tangents = 0
         self._largest = 0.0  # displacement so far
 
-    def steps(self, start: State, end: float, last: Step | None, halvings: int) -> Iterator[Step]:
+    def steps(self, start: State, end: float, halvings: int) -> Iterator[Step]:
         """The step from a state to a time (s), or those of its halves."""
         h = end - start.t
-        for before in (last, None):
+        for _ in range(2):
             try:
-                step = self.step(start, h, before)
+                step = self.step(start, h)
             except (StepFailed, np.linalg.LinAlgError):
                 self._h = 0.0  # the tangent may have aged
             else:
@@ -87,21 +87,19 @@ class PlainRadau:
                 ending=Ending.STEP_UNSOLVED,
             )
         for half in (start.t + 0.5 * h, end):
-            for step in self.steps(start, half, last, halvings - 1):
+            for step in self.steps(start, half, halvings - 1):
                 yield step
-                start, last = self.end(step), step
+                start = self.end(step)
             start.t = half
 
-    def step(self, start: State, h: float, last: Step | None) -> Step:
+    def step(self, start: State, h: float) -> Step:
         """The step of length h (s): prescribe, predict, then residual and correct, and accept.
-
-        The step before it, or None, predicts.
 
         Raises:
             StepFailed: Newton does not converge. LinAlgError: its matrix is singular.
         """
         path, seen = self.prescribe(start, h)
-        a, lam = self.predict(start, h, path, last)
+        a, lam = self.predict(start, path)
         turn, size, rate = np.zeros_like(a), np.inf, 0.0
         for _ in range(_ITERATIONS):
             y, v, move, turn = self.place(start, h, path, a, turn)
@@ -126,17 +124,11 @@ class PlainRadau:
         t = start.t + h * self.method.c
         return self.problem.path_inside(t), seen_inside(t, self.method.c)
 
-    def predict(
-        self, start: State, h: float, path: MotorPath, last: Step | None
-    ) -> tuple[Array, Array]:
-        """Accelerations and multipliers of the stages: the polynomials of the last step go on."""
-        m, p = self.method, self.problem
-        a, lam = np.tile(start.a, (m.s, 1)), np.tile(start.lam, (m.s, 1))
-        if last is not None:
-            W = m.at(1.0 + h / last.h * m.c)
-            a, lam = W @ last.a, W @ last.lam
-        if p.prescribed:
-            a[:, p.motors] = path.acceleration
+    def predict(self, start: State, path: MotorPath) -> tuple[Array, Array]:
+        """Accelerations and multipliers of the stages: those of the start."""
+        a, lam = (np.tile(x, (self.method.s, 1)) for x in (start.a, start.lam))
+        if self.problem.prescribed:
+            a[:, self.problem.motors] = path.acceleration
         return a, lam
 
     def accept(
@@ -261,7 +253,7 @@ def integrate(
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    march, now, last = PlainRadau(problem, method), problem.first(float(t[0]), *start), None
+    march, now = PlainRadau(problem, method), problem.first(float(t[0]), *start)
     close, work, done, jumped = _SAME * float(ends[-1] - t[0]), np.zeros(2), 0, False
     begun = now.y, now.v, now.a, now.lam, now.torque, work
     found, count = [[x[None]] for x in begun], 1
@@ -276,10 +268,10 @@ def integrate(
 
     try:
         for end in ends.tolist():
-            for step in march.steps(now, end, last, _HALVINGS):
+            for step in march.steps(now, end, _HALVINGS):
                 if jumped:
                     march.begin_at_stages(step)
-                now, last, done, jumped = march.end(step), step, done + 1, False
+                now, done, jumped = march.end(step), done + 1, False
                 upto = int(np.searchsorted(t, now.t + close, side="right"))
                 *states, worked = march.dense(step, t[count:upto])
                 for column, values in zip(found, (*states, work + worked), strict=True):
@@ -292,7 +284,7 @@ def integrate(
             if end == ends[-1]:
                 break
             if np.abs(corners - end).min(initial=np.inf) <= close:
-                now, last = problem.first(end, now.y, now.v), None
+                now = problem.first(end, now.y, now.v)
             elif problem.sampler is not None:
                 jumped = problem.sampler.reach(end, now.y, now.v)
     except (ConvergenceError, MotionError) as error:
