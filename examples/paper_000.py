@@ -9,13 +9,18 @@ import sys
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from papers import classical
 from papers.reports import PlatformErrors, platform_errors, torque_table
 
 import pinflex as pf
 
 SYSTEM = "damping={rayleigh: [2.0e-3, 3.0e-4], scope: system}"
 FLEXIBLE, RIGID = "#0072B2", "#000000"
-OTHERS = {"houbolt": "#D55E00", "wilson_theta": "#009E73", "mode_superposition": "#CC79A7"}
+OTHERS = {
+    classical.houbolt: "#D55E00",
+    classical.wilson_theta: "#009E73",
+    classical.mode_superposition: "#CC79A7",
+}
 LABELS = {
     "errors": ("$\\epsilon_{}$ [mm]", "$\\epsilon_{{{}}}$ [rad]", 1e3),
     "velocities": ("$v_{}$ [m/s]", "$\\omega_{{{}}}$ [rad/s]", 1.0),
@@ -73,9 +78,9 @@ def integrator_panel(robot: pf.Mechanism, reference: pf.Result) -> Figure:
     panel = figure.subplots()
     fine = pf.solve(robot, ked="structural", dt=1e-3, samples=101)
     runs = [("Newmark, 0.001 s", fine, RIGID), ("Newmark 0.5280 / 0.2642", reference, FLEXIBLE)]
-    for name, colour in OTHERS.items():
-        run = pf.solve(robot, ked="structural", integrator=name, samples=101)
-        runs.append((name.replace("_", " "), run, colour))
+    for method, colour in OTHERS.items():
+        run = pf.solve(robot, ked="structural", integrator=method, samples=101)
+        runs.append((method.__name__.replace("_", " "), run, colour))
     for name, result, colour in runs:
         e = result.array("frame/platform/deviation")
         panel.plot(

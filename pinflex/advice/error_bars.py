@@ -153,8 +153,7 @@ def _of_solids(found: list[FlexiblePart]) -> tuple[list[str], str]:
 _TOL = 1e-3  # of time of the richer run, at the least: what a model leaves out is larger
 _LONGEST = 30.0  # s of computing: a richer run that takes more is given up
 _OF_THE_METHOD = (
-    *("tol", "dt", "samples", "until", "integrator", "rho_inf", "newmark", "theta", "ked"),
-    *("modes", "asked", "level"),
+    *("tol", "dt", "samples", "until", "integrator", "rho_inf", "newmark", "ked", "asked", "level"),
 )
 _FINER = 0.1  # of the tolerance: where the error of time hides what the model leaves out
 

@@ -41,9 +41,7 @@ def solve(
     integrator: Any = None,
     rho_inf: float | None = None,
     newmark: Sequence[float] | None = None,
-    theta: float | None = None,
     ked: str | None = None,
-    modes: int | None = None,
     drive: str | None = None,
     kp: float | None = None,
     kd: float | None = None,
@@ -80,9 +78,7 @@ def solve(
             level ked a function, see CONTRIBUTING.
         rho_inf: Spectral radius of generalized_alpha and hht at infinite frequency, 0 to 1.
         newmark: Its (gamma, beta) [-].
-        theta: Of the integrator wilson_theta [-].
         ked: Terms of level ked: full or structural.
-        modes: Number of modes of mode_superposition.
         drive: prescribed (the motors follow the motion) or torque (they push).
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
@@ -102,7 +98,7 @@ def solve(
     given: dict[str, Any] = {"until": until, "dt": dt, "samples": samples, "control": control}
     options = {
         "tol": tol, "asked": asked, "start": start, "integrator": integrator, "rho_inf": rho_inf,
-        "newmark": newmark, "theta": theta, "ked": ked, "modes": modes, "drive": drive, "kp": kp,
+        "newmark": newmark, "ked": ked, "drive": drive, "kp": kp,
         "kd": kd, "start_speeds": start_speeds, "tolerance": tolerance,
     }  # fmt: skip
     given |= {key: value for key, value in options.items() if value is not None}

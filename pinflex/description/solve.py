@@ -11,7 +11,6 @@ import numpy as np
 
 from pinflex import registered
 from pinflex.description.reading import schema
-from pinflex.doors import door
 from pinflex.errors import DescriptionError, nearest
 from pinflex.text import frozen
 
@@ -42,25 +41,12 @@ class Integrator:
     method: Any = None
 
 
-def _textbook(name: str, *keys: str) -> Integrator:
-    """A classical method of level ked; its module is loaded when it takes its first step."""
-
-    def method(*march: Any, **options: Any) -> Any:
-        return door("integrators.textbook", name)(*march, **options)
-
-    return Integrator(name, keys, "ked", method)
-
-
 INTEGRATORS: dict[str, Integrator] = {
     row.name: row
     for row in (
         Integrator("generalized_alpha", ("rho_inf",)),
         Integrator("newmark", ("newmark",)),
         Integrator("hht", ("rho_inf",)),
-        _textbook("central_difference"),
-        _textbook("houbolt"),
-        _textbook("wilson_theta", "theta"),
-        _textbook("mode_superposition", "modes"),
         Integrator("radau", only="coupled"),
     )
 }
@@ -122,16 +108,14 @@ class SolveSpec:
         tol: Error of time integration that torques, platform and deflections may have, relative to
             their largest deviation; steps follow from it. None: steps of dt.
         asked: Which of torque, deflection and platform tol is about; empty: all.
-        integrator: generalized_alpha, newmark or hht; at level ked also central_difference,
-            houbolt, wilson_theta and mode_superposition; at level coupled also radau, with tol.
-            None: radau where a tol is asked for and it can, else generalized_alpha. In Python also
-            an `AlphaScheme`, a `Collocation` (coupled, with tol) or a function (ked).
+        integrator: generalized_alpha, newmark or hht; at level coupled also radau, with tol; or one
+            that is registered. None: radau where a tol is asked for and it can, else
+            generalized_alpha. In Python also an `AlphaScheme`, a `Collocation` (coupled, with tol)
+            or a function (ked).
         rho_inf: Spectral radius at infinity [-], 0 to 1; None: the integrator's own.
         newmark: (gamma, beta) [-] of the integrator newmark; None: (1/2, 1/4).
         ked: Terms of level ked: full, or structural (M, the beams' K and the damping alone, the
             classical method).
-        theta: Length of the step of wilson_theta over dt [-]; None: 1.4.
-        modes: Number of modes of mode_superposition; None: 12.
         drive: prescribed (the motors follow the motion) or torque (they push).
         kp: Position gain of the torque drive [N m/rad | N/m].
         kd: Speed gain of the torque drive [N m s/rad | N s/m].
@@ -154,8 +138,6 @@ class SolveSpec:
     rho_inf: float | None = schema.real(None, low=0, high=1)
     newmark: tuple[float, float] | None = schema.key(None, _newmark, form=schema.LIST)
     ked: str = schema.word("full", KED_TERMS)
-    theta: float | None = schema.real(None, low=1.37, high=4)
-    modes: int | None = schema.whole(None, 1)
     drive: str = schema.word("prescribed", DRIVES)
     kp: float = schema.real(0.0, "stiffness", low=0)
     kd: float = schema.real(0.0, "damping", low=0)

@@ -224,7 +224,7 @@ def scheme(
 #
 # A method is a generator of states at equal steps; d, v and a are the free coordinates only. The
 # alpha family is here, one plain step; `kernel.evaluate` takes the same steps compiled. Others are
-# registered by users (`solve.register_integrator`), as those of `integrators.textbook` are.
+# registered by users (`solve.register_integrator`).
 
 _MASSLESS = 1e-24  # of the largest mass: round-off of a coordinate that has none
 

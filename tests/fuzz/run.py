@@ -286,7 +286,7 @@ def _command(argv: list[str], shown: list[str]) -> str:
 
 _CALLS: dict[str, tuple[str, ...]] = {  # public functions and what may be given to them
     "solve": ("level", "until", "dt", "samples", "tol", "integrator", "rho_inf", "newmark", "drive",
-              "theta", "modes", "ked", "kp", "kd", "start", "asked", "control", "resume"),
+              "ked", "kp", "kd", "start", "asked", "control", "resume"),
     "modes": ("count", "preload", "free_motors", "q"),
     "cycloid": ("joints", "platform", "duration"),
     "harmonic": ("joints", "frequency", "phase", "smooth", "duration"),

@@ -80,8 +80,6 @@ pin: {kind: 3, between: [rod_tip, plate]}
 SOLVE = """\
 {level: auto}
 {integrator: rk4}
-{integrator: houbolt}
-{integrator: wilson_theta, level: rigid}
 {ked: structural}
 {ked: half, level: ked}
 {drive: velocity}
@@ -103,11 +101,6 @@ SOLVE = """\
 {newmark: [2, 0.5]}
 {newmark: [-1, 0.5]}
 {rho_inf: 1.5}
-{rho_inf: 0.5, integrator: houbolt, level: ked}
-{theta: 1}
-{theta: 1.4}
-{modes: 0}
-{modes: 3}
 {kp: 1}
 {kd: -1, drive: torque}
 {kp: 1e40, drive: torque}
@@ -350,7 +343,6 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {"asked": ["torques"]},
     {"asked": "torque"},
     {"integrator": "rk4"},
-    {"integrator": "houbolt"},
     {"integrator": "newmark", "rho_inf": 0.5},
     {"ked": "half", "level": "ked"},
     {"drive": "velocity"},
@@ -359,8 +351,6 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {"kp": -1.0},
     {"kd": "much"},
     {"rho_inf": "x"},
-    {"theta": "x"},
-    {"modes": 0},
     {"newmark": 0.5},
     {"newmark": [-1, 2]},
 )

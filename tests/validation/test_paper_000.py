@@ -15,14 +15,17 @@ Claims:
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
+from papers import classical
 from papers.reports import platform_errors, statistics, torque_statistics, torque_table
 
 import pinflex as pf
+from pinflex import registered
+from pinflex.description.solve import INTEGRATORS
 from pinflex.errors import DescriptionError
 from tests.finite import slope
 
@@ -42,9 +45,8 @@ def rigid() -> pf.Result:
 
 
 @cache
-def run(integrator: str = "newmark", dt: float = 0.01, modes: int | None = None) -> pf.Result:
-    options: dict[str, Any] = {"integrator": integrator, "modes": modes}
-    return pf.solve(robot(), ked="structural", dt=dt, samples=101, **options)
+def run(dt: float = 0.01) -> pf.Result:
+    return pf.solve(robot(), ked="structural", integrator="newmark", dt=dt, samples=101)
 
 
 def test_the_fitted_trajectory_gives_the_printed_errors() -> None:
@@ -98,8 +100,9 @@ AVERAGE = (0.5, 0.25)  # Newmark of second order
 
 
 @cache
-def start(integrator: str, dt: float, modes: int | None = None) -> pf.Result:
-    options: dict[str, Any] = {"newmark": AVERAGE} if integrator == "newmark" else {"modes": modes}
+def start(method: Any, dt: float, modes: int | None = None) -> pf.Result:
+    options: dict[str, Any] = {"newmark": AVERAGE} if method == "newmark" else {}
+    integrator = partial(method, modes=modes) if modes else method
     return pf.solve(
         robot(), ked="structural", integrator=integrator, dt=dt, until=SHORT, samples=31, **options
     )
@@ -111,8 +114,8 @@ def apart(found: pf.Result, want: pf.Result, key: str) -> float:
     return float(gap.max() / np.abs(want.array(key)).max())
 
 
-@pytest.mark.parametrize("integrator", ["newmark", "houbolt", "wilson_theta"])
-def test_the_integrators_tend_to_one_answer_at_second_order(integrator: str) -> None:
+@pytest.mark.parametrize("integrator", ["newmark", classical.houbolt, classical.wilson_theta])
+def test_the_integrators_tend_to_one_answer_at_second_order(integrator: Any) -> None:
     """Against the trapezoidal rule at an eighth of the smaller step, whose error is 1/64."""
     fine, steps = start("newmark", 1.25e-4), (2e-3, 1e-3)
     for key in (ERROR, "torque"):
@@ -132,12 +135,13 @@ def test_the_published_newmark_tends_there_at_first_order() -> None:
 def test_mode_superposition_needs_the_six_modes_of_the_platform() -> None:
     """scenes 7, row 14: they lie below 14 Hz, the links' own above 120 Hz."""
     fine = start("newmark", 1.25e-4)
-    gaps = {n: apart(start("mode_superposition", 2.5e-3, n), fine, ERROR) for n in (3, 6, 1000)}
+    by_modes = classical.mode_superposition
+    gaps = {n: apart(start(by_modes, 2.5e-3, n), fine, ERROR) for n in (3, 6, 1000)}
     assert gaps[3] > 0.1
     # What stays is told in the module: stiff directions that turn in jumps.
     assert gaps[6] < 1e-3
     assert gaps[1000] < 1e-3
-    torque = [apart(start("mode_superposition", 2.5e-3, n), fine, "torque") for n in (3, 6, 1000)]
+    torque = [apart(start(by_modes, 2.5e-3, n), fine, "torque") for n in (3, 6, 1000)]
     assert torque[0] > 10 * torque[1] > 50 * torque[2]  # 0.49, 6e-3, 5e-4
 
 
@@ -145,15 +149,15 @@ def test_central_difference_agrees_on_a_robot_with_few_coordinates() -> None:
     """Its step is bound by the highest frequency: two static shapes a plane, 0.1 s."""
     few = robot(SMALL)
     options: dict[str, Any] = {"ked": "structural", "until": 0.1, "samples": 21}
-    explicit = pf.solve(few, integrator="central_difference", dt=8e-5, **options)
-    implicit = pf.solve(few, integrator="houbolt", dt=1e-4, **options)
+    explicit = pf.solve(few, integrator=classical.central_difference, dt=8e-5, **options)
+    implicit = pf.solve(few, integrator=classical.houbolt, dt=1e-4, **options)
     for key in (ERROR, "torque"):
         want = implicit.array(key)
         gap = np.abs(explicit.array(key) - want)[1:].max(axis=0)
         # Houbolt at 1e-4 s has 1e-4 of its second-order error, measured 4.5e-4 at 2.5e-4 s.
         assert np.all(gap < 2e-4 * np.abs(want).max())
     with pytest.raises(DescriptionError, match="stable below"):
-        pf.solve(few, integrator="central_difference", dt=2e-4, **options)
+        pf.solve(few, integrator=classical.central_difference, dt=2e-4, **options)
 
 
 @pytest.mark.parametrize("elements", [2])  # 4: nV = 573, 6 GB of unused tensors in pin.Data
@@ -205,10 +209,22 @@ def test_the_published_method_is_available_by_name_in_the_scene() -> None:
         pf.solve(robot(), ked="struktural")
 
 
-@pytest.mark.parametrize("integrator", ["houbolt", "wilson_theta", "central_difference"])
-def test_linear_integrators_refuse_the_coupled_level(integrator: str) -> None:
-    with pytest.raises(DescriptionError, match="level ked only"):
-        pf.solve(robot(), level="coupled", integrator=integrator)
+def test_linear_integrators_are_known_by_name_and_refuse_the_coupled_level() -> None:
+    before, made = dict(INTEGRATORS), [*registered._MADE]
+    classical.register()
+    try:
+        run = pf.solve(robot(), level="ked", integrator="houbolt", until=0.1, samples=11)
+        assert run.meta["settings"]["integrator"] == "houbolt"
+        with pytest.raises(DescriptionError, match="wilson_theta is for linear systems: level ked"):
+            pf.solve(robot(), level="coupled", integrator="wilson_theta")
+        with pytest.raises(DescriptionError, match="level ked only. Write `level: ked`"):
+            pf.load("3rrr", ["solve.integrator=houbolt"])
+        with pytest.raises(DescriptionError, match="no meaning for the integrator houbolt"):
+            pf.load("3rrs", ["solve.integrator=houbolt", "solve.rho_inf=0.5"])
+    finally:
+        registered._MADE[:] = made
+        INTEGRATORS.clear()
+        INTEGRATORS.update(before)
 
 
 def test_the_torque_table_is_what_its_curves_say() -> None:

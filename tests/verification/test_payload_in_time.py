@@ -292,7 +292,7 @@ def test_where_masses_have_to_stay_it_is_refused(tmp_path: Path) -> None:
     with pytest.raises(pf.DescriptionError, match="give the shaper its frequencies"):
         pf.ringing(robot, robot.motion)
     with pytest.raises(pf.DescriptionError, match="method of the alpha family"):
-        pf.solve(robot, level="ked", integrator="houbolt", dt=1e-3)
+        pf.solve(robot, level="ked", integrator=lambda *_: iter(()), dt=1e-3)
     assert "payload" in pf.advise(robot).why
 
 

@@ -8,24 +8,22 @@ Claims:
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import pytest
-
-from pinflex.arrays import Array
-from pinflex.errors import DescriptionError
-from pinflex.integrators.collocation import At, Instant, Method, alpha, newmark
-from pinflex.integrators.textbook import (
+from papers.classical import (
     central_difference,
     houbolt,
     mode_superposition,
     stable_step,
     wilson_theta,
 )
+
+from pinflex.arrays import Array
+from pinflex.errors import DescriptionError
+from pinflex.integrators.collocation import At, Instant, Method, alpha, newmark
 from pinflex.linalg import saddle
 from tests.finite import slope
 
@@ -180,21 +178,6 @@ def test_modes_left_out_follow_statically() -> None:
     np.testing.assert_allclose(soft[:, 1], static, atol=1e-12)
     # What a mode of 200 Hz adds to its static part under this slow load: (2 / omega)^2 of it.
     np.testing.assert_allclose(every[:, 1], static, atol=2e-5 * static.max())
-
-
-def test_the_textbook_is_loaded_when_a_scene_names_one_of_its_methods() -> None:
-    script = """
-import sys
-import pinflex as pf
-robot = pf.load("spinning_beam")
-pf.solve(robot, level="ked", samples=11, until=0.01)
-assert "pinflex.integrators.textbook" not in sys.modules
-run = pf.solve(robot, level="ked", samples=11, until=0.01, integrator="wilson_theta", theta=2.0)
-assert "pinflex.integrators.textbook" in sys.modules
-usual = pf.solve(robot, level="ked", samples=11, until=0.01, integrator="wilson_theta")
-assert abs(run.torque - usual.torque).max() > 0.0
-"""
-    subprocess.run([sys.executable, "-c", script], check=True)
 
 
 def test_a_start_is_not_divided_by_round_off_of_a_mass() -> None:

@@ -1,8 +1,9 @@
 """Classical methods for the linear system of level ked, by the door that is open to every stepper.
 
-Central differences, Houbolt, Wilson's theta and mode superposition, to compare with the literature;
-nothing here is loaded before a scene names one (`description.solve.INTEGRATORS`). The closures hold
-at every step (in `wilson_theta` at the end of its longer step).
+Central differences, Houbolt, Wilson's theta and mode superposition, to compare with the literature:
+`pf.solve(robot, level="ked", integrator=partial(wilson_theta, theta=1.5))`; after `register()`
+scenes know their names too. The closures hold at every step (in `wilson_theta` at the end of its
+longer step).
 
 Modes: the closures are removed by d = Z(t) z, z a fixed choice of the coordinates, so that
 
@@ -27,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinflex.arrays import Array, IntArray
+from pinflex.description.solve import Integrator, register_integrator
 from pinflex.errors import DescriptionError
 from pinflex.integrators.collocation import At, Instant, State, alpha, newmark, start_at_rest
 from pinflex.linalg import eigh, lapack, null_space, saddle
@@ -102,8 +104,7 @@ def wilson_theta(at: At, count: int, h: float, d: Array, theta: float = 1.4) -> 
     """Linear acceleration over a step theta h; unconditionally stable from theta = 1.37 on."""
     if theta < 1.37:
         raise DescriptionError(
-            f"solve.theta: {theta}: Wilson's method is unconditionally stable from 1.37 on. "
-            "Usual: 1.4."
+            f"theta = {theta}: Wilson's method is unconditionally stable from 1.37 on. Usual: 1.4."
         )
     state = start_at_rest(at(0), d)
     yield state
@@ -254,3 +255,9 @@ def _state(now: Instant, here: _Reduced, z: Array, zd: Array, keep: int) -> Stat
     d, v = here.Z @ z, here.Z @ zd + here.Zd @ z
     a = here.Z @ zdd + 2 * here.Zd @ zd + here.Zdd @ z
     return with_multipliers(now, d, v, a)
+
+
+def register() -> None:
+    """Let scenes name them."""
+    for method in (central_difference, houbolt, wilson_theta, mode_superposition):
+        register_integrator(Integrator(method.__name__, only="ked", method=method))
