@@ -167,12 +167,11 @@ recompiled("alpha.c", "-m->open[k] / m->by_y", "0.0")
     ),
     "consistent start off: accelerations and multipliers begin at zero": (
         """
-import pinflex.levels.start as start, pinflex.integrators.plain.alpha as step, numpy as np
+import pinflex.integrators.problem as problem, numpy as np
 def nothing(dynamics, y, v, held, a_held, *more):
     a = np.zeros(dynamics.system.nv); a[held] = a_held
     return a, np.zeros(dynamics.system.closed.n)
-start.consistent_acceleration = nothing
-step.consistent_acceleration = nothing
+problem.consistent_acceleration = nothing
 """,
         ["tests/hard/test_steps.py", "tests/hard/test_starts.py"],
     ),

@@ -381,7 +381,7 @@ def recipe(
     """
     problem = scene._problem(t, scene.equations())
     radau = scene._radau(problem, resolution)
-    radau.loose, radau.control, radau.slow = True, replace(radau.control, grain=GRAIN), SLOW
+    radau.loose, radau.grain, radau.slow = True, GRAIN, SLOW
     ends, jumps = (float(t[0]), float(t[-1])), breaks(scene.motion, scene._loads)
     march = March(
         scene.mechanism.name, radau, scene._begun, ends, {RESTARTS: jumps},

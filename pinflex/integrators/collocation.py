@@ -112,10 +112,10 @@ def _tableau(s: int) -> Collocation:
     kept = np.flatnonzero(values.imag > -1e-9)
     # A pair counts twice: its other half is the conjugate.
     twice = np.where(values.imag[kept] > 1e-9, 2.0, 1.0)
-    last = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * with_0 - 1.0, s))[s, 1:]
+    at_0 = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * with_0 - 1.0, s))
     A2, parts = A @ A, (values[kept], inverse[kept], vectors[:, kept] * twice)
     value, forward, back = (_pairs(x) for x in parts)
-    A2_inverse = np.asarray(np.linalg.inv(A2))
+    A2_inverse, last = np.asarray(np.linalg.inv(A2)), np.asarray(at_0[s, 1:])
     return Collocation(c, A, A2, A2_inverse, value, forward, back, last, basis, basis_0)
 
 
@@ -324,15 +324,3 @@ def alpha(
         s, a = s + ds, factor * ds
         d, v = d + h * h * beta * ds, v + h * gamma * ds
         yield State(d, v, a, lam)
-
-
-@dataclass(frozen=True)
-class Alpha:
-    """A member of the alpha family as a method; `across`: see `alpha`."""
-
-    scheme: AlphaScheme
-    across: Across | None = None
-
-    def __call__(self, at: At, count: int, h: float, d: Array) -> Iterator[State]:
-        """States at equal steps."""
-        return alpha(self.scheme, at, count, h, d, self.across)

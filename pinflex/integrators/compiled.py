@@ -16,7 +16,7 @@ from pinflex.actuation.path import MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError, SceneError
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.problem import Problem, seen_inside
+from pinflex.integrators.problem import Problem
 from pinflex.kernel.evaluate import Evaluator
 from pinflex.kernel.library import Record, constant, numbers, place
 from pinflex.mechanics.manifold import sorts_of
@@ -121,7 +121,7 @@ class Stages:
 
     def inside(self, t: Array) -> Array:
         """The same at the stages of a step, shape (s, n), as they are inside it."""
-        return self._columns(self.problem.path_inside(t), seen_inside(t, self.method.c))
+        return self._columns(*self.problem.inside(t, self.method.c))
 
     def _columns(self, path: MotorPath, seen: Array) -> Array:
         drive = self.problem.drive

@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive, averaged, kinks
-from pinflex.actuation.feedback import Feedback
+from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.actuation.path import MotorAxes, MotorPath
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import ConvergenceError, Ending, MotionError, PinflexError, RunInterrupted
@@ -18,7 +18,7 @@ from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
 from pinflex.integrators.plain import radau as plain_radau
 from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
-from pinflex.integrators.problem import Problem, Run, Settings, StepFailed
+from pinflex.integrators.problem import Problem, Run, StepFailed
 from pinflex.kernel.library import Record, names, place, structure
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
@@ -75,11 +75,11 @@ def integrate(
     spread = len(switched) > 0
     stepped = system.in_steps(t[1] - t[0], {*taken, *system.added.instants}) if spread else system
     felt = Equations(stepped, marched=True) if spread else dynamics
-    march = PlainAlpha(mechanism, felt, path, scheme, drive, tolerance, feedback)
-    record = _Record(march, system, t, begin)
+    compiled = felt.on_kernel and (feedback is None or feedback.linear is not None)
+    kind = CompiledAlpha if compiled else PlainAlpha  # a law that is any function takes plain steps
+    march = kind(mechanism, felt, path, scheme, drive, tolerance, feedback)
     now = resume[1] or march.first(*start, begin)
-    record.keep(begin, now)
-    compiled = compiled_alpha(march, record.columns, begin)
+    march.keep(begin, now)
     beside = (at[:, None] + np.arange(-2, 3)).ravel().tolist()  # a jump is no bend
     k, last, fresh = begin, now, kinks(path) - {*beside} | (set() if resume[1] else {begin})
     try:
@@ -88,39 +88,37 @@ def integrate(
                 if k > 0 and k not in crossed:
                     now = march.bent(now, k)
                 if dynamics.looped:
-                    now = march.quiet(now, (compiled or march).step(k + 1, now, now), k)
+                    now = march.quiet(now, march.step(k + 1, now, now), k)
                 last = now
             begun = k
             if exact is not None and k + 1 in crossed:
                 last = now = _across(mechanism.name, march, exact, now, k, crossed[k + 1])
                 k, fresh = k + 1, fresh | {k + 1}
-                record.keep(k, now)
-            elif compiled is not None:
+                march.keep(k, now)
+            else:
                 stops = (j for j in (*fresh, *(j - 1 for j in crossed)) if j > k)
                 upto = min([steps, k - k % _TOGETHER + _TOGETHER, *stops])
-                k, now, last = compiled.advance(k, now, last, upto)
-            else:
-                last, now, k = now, march.step(k + 1, now, last), k + 1
-                record.keep(k, now)
-            done = record.columns[0][begun + 1 : k + 1]
+                k, now, last = march.advance(k, now, last, upto)
+            done = march.columns[0][begun + 1 : k + 1]
             if (off := dynamics.first_off(done)) is not None:
                 k = begun + off
                 dynamics.require_on_beams(done[off], mechanism.name, float(t[k + 1]))
             if progress is not None and k % _TOGETHER == 0:
                 progress(k, steps)
     except (MotionError, ConvergenceError) as error:
-        error.result = record.run(k)
+        error.result = march.run(system, begin, k)
         raise
     except KeyboardInterrupt:
-        raise RunInterrupted(record.run(k)) from None
+        raise RunInterrupted(march.run(system, begin, k)) from None
     except (StepFailed, np.linalg.LinAlgError) as error:
         r = getattr(error, "residual", np.array([np.nan]))
-        so_far = record.run(k)
+        so_far = march.run(system, begin, k)
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
     if feedback is None:  # its states were those of their time
-        march.dynamics, (march.path, march.drive) = dynamics, pointwise
-        record.settle(np.union1d(at[at > begin], switched[switched > begin]))
-    return record.run(steps)
+        march.dynamics = march.problem.dynamics = dynamics
+        march.path, march.drive = pointwise
+        march.settle(np.union1d(at[at > begin], switched[switched > begin]))
+    return march.run(system, begin, steps)
 
 
 def _switched(loads: Loads, t: Array) -> IntArray:
@@ -165,63 +163,6 @@ def _across(name: str, march: PlainAlpha, exact: Problem, now: Step, k: int, ins
     return march.first(run.y[-1], run.v[-1], k + 1)
 
 
-class _Record:
-    """States, multipliers, torques and powers at the steps of a march, from step `begin` on."""
-
-    def __init__(self, march: PlainAlpha, system: System, t: Array, begin: int) -> None:
-        self._march, self._t, self._begin = march, t, begin
-        self._system = system
-        nv, rows, motors = system.nv, system.closed.n, len(system.motors)
-        # y, v, a, s, lam, torque and power.
-        self.columns = tuple(
-            np.zeros((len(t), n)) for n in (system.nq, *(nv,) * 3, rows, motors, 2)
-        )
-        self._signals = march.signals
-
-    def keep(self, k: int, now: Step) -> None:
-        """Record step k; a feedback goes on from there."""
-        march, signals = self._march, self._signals
-        losses = march.dynamics.losses(now.y[None], now.v[None])[0]
-        power = np.array([now.torque @ now.v[self._system.motors], losses])
-        state = now.y, now.v, now.a, now.s, now.lam, now.torque, power
-        for column, values in zip(self.columns, state, strict=True):
-            column[k] = values
-        if march.feedback is not None and signals is not None:
-            march.control(k, now.y, now.v)
-            assert march.control_force is not None
-            march.feedback.keep()
-            signals.u[k], signals.measured[k] = march.feedback.u, march.feedback.m
-            self.columns[-1][k, 0] += float(march.control_force @ now.v)
-
-    def settle(self, at: IntArray) -> None:
-        """Accelerations and forces at some steps, of the motion as it is there."""
-        (y, v, a, _, lam, torque, _), march = self.columns, self._march
-        for k in at:
-            a[k], lam[k] = march.accelerated(k, y[k], v[k], march.path.acceleration[k])
-            torque[k] = march.residual(k, y[k], v[k], a[k], lam[k])[2]
-
-    def run(self, upto: int) -> Run:
-        """The steps up to one as a run; work by the trapezoidal rule."""
-        march, k = self._march, slice(self._begin, upto + 1)
-        steps = upto - self._begin
-        counts = {"steps": steps, "newton": march.iterations, "tangents": march.tangents}
-        settings: Settings = {
-            "integrator": march.scheme.name,
-            "dt": march.h,
-            "gamma": march.scheme.gamma,
-        }
-        if march.feedback is not None and march.feedback.feedback.linear is None:
-            settings["march"] = "in Python: control.law is a function (one of pf.pid runs compiled)"
-        y, v, a, algorithmic, lam, torque, power = (column[k] for column in self.columns)
-        work = np.zeros((steps + 1, 2))
-        np.cumsum(0.5 * march.h * (power[1:] + power[:-1]), axis=0, out=work[1:])
-        signals = None if self._signals is None else self._signals.at(k)
-        return Run(
-            self._system, self._t[k], y, v, a, lam, torque, dict(counts), settings, work,
-            signals=signals, s=algorithmic,
-        )  # fmt: skip
-
-
 def _diverged(
     mechanism: Mechanism, march: PlainAlpha, time: float, k: int, r: Array, run: Run
 ) -> ConvergenceError:
@@ -252,108 +193,104 @@ def _diverged(
     return error
 
 
-# The same steps on the compiled kernel, from starts of `PlainAlpha`.
-
 _Rows, _STATES = structure("Rows"), ("now", "last", "next")
 _OF_STATE = names("State", ctypes.c_void_p)
 
 
-class CompiledAlpha:
-    """The steps of one march, and where it is: `Alpha` and `Rows` in source/alpha.h.
+class CompiledAlpha(PlainAlpha):
+    """The same steps by the kernel, and where it is: `Alpha` and `Rows` in source/alpha.h.
 
     Attributes:
         at: The C structure: settings, scales and counts. law: `Law` in source/law.h, or None.
-        rows: What is prescribed at the instants, and the states there, each (steps, n).
+        rows: What is prescribed at the instants, and the columns, each (steps, n). stages: Their
+            kernel.
     """
 
     def __init__(
-        self, march: PlainAlpha, stages: Stages, found: Sequence[Array], begin: int
-    ) -> None:
-        """`found`: y, v, a, s, lam, torque and power at all instants, which are written.
-
-        There they stand at step `begin`.
-        """
-        self._march, self._stages, path, drive = march, stages.kernel, march.path, march.drive
+        self, mechanism: Mechanism, dynamics: Equations, path: MotorPath, scheme: AlphaScheme,
+        drive: TorqueDrive | None, tolerance: float, feedback: Feedback | None,
+    ) -> None:  # fmt: skip
+        super().__init__(mechanism, dynamics, path, scheme, drive, tolerance, feedback)
+        self._lent = Stages(self.problem, implicit_euler())
+        self.stages, columns = self._lent.kernel, self.columns
         feed = path.acceleration if drive is None else drive.feed_forward
-        self.law = None if march.feedback is None else _law(march)
-        self._found = tuple(found)
-        if march.signals is not None:
-            self._found += march.signals.u, march.signals.measured
-        n, steps = self._stages.counts, len(path.t)
+        self.law = None if self.feedback is None else _law(self.feedback, self.h, dynamics.system)
+        n, steps = self.stages.counts, len(path.t)
         nv, rows, motors = n["nv"], n["closures"], n["motors"]
-        given = path.position, path.velocity, feed, self._stages.evaluator.scale(path.t)
         widths = [*(motors,) * 3, n["forces"], n["nq"], nv, nv, nv, rows, motors, 2]
-        widths += [] if self.law is None else [self.law.sizes["drives"], self.law.sizes["measures"]]
-        self.rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in given), *self._found)
+        if self.law is not None and self.signals is not None:
+            columns += self.signals.u, self.signals.measured
+            widths += self.law.sizes["drives"], self.law.sizes["measures"]
+        given = path.position, path.velocity, feed, self.stages.evaluator.scale(path.t)
+        self.rows = (*(np.ascontiguousarray(x, dtype=np.float64) for x in given), *columns)
         pairs = zip(self.rows, widths, strict=True)
         self._places = [(place(x, steps, width), 8 * width) for x, width in pairs]
-        size, (mass, by_v, by_y) = n["free"] + rows, march.weights
+        size, (mass, by_v, by_y) = n["free"] + rows, self.weights
         sizes = n | {"size": size, "order": 3 * size + 1, "wide": nv * (3 * nv + rows)}
         self._states = {which: Record("State", n, {}) for which in _STATES}
         self._room = Record(
-            "Alpha", sizes, {"predict": march.predictor}, stale=1, joints=self._stages.address,
+            "Alpha", sizes, {"predict": self.predictor}, stale=1, joints=self.stages.address,
             rate=1.0, usual=np.inf, stopped=-1, law=None if self.law is None else self.law.address,
-            mass=mass, by_v=by_v, by_y=by_y, tolerance=march.tolerance, most=MAX_ITERATIONS,
-            farthest=march.farthest,
+            mass=mass, by_v=by_v, by_y=by_y, tolerance=tolerance, most=MAX_ITERATIONS,
+            farthest=self.farthest,
         )  # fmt: skip
         self.at = self._room.at
         self._end: Step | None = None  # where its own last step ended
         self._blocks = (self._room.raw, *(state.raw for state in self._states.values()))
         self._fresh = bytes(self.at)
-        self.at.reference = self.scale(begin)
+
+    def keep(self, k: int, now: Step) -> None:
+        """Record step k; the first one tells how large accelerations are."""
+        super().keep(k, now)
+        if self.at.reference == 0.0:
+            self.at.reference = self.scale(k)
 
     def scale(self, k: int) -> float:
         """Norm of the acceleration at step k; that of what static forces could do, if more."""
-        march, d, now = self._march, self._march.dynamics, self._state(k)
-        free = march.problem.free
-        full, _ = march.matrix(k, now.y, now.v, now.a, now.lam, rates=False)
+        d, now, free = self.dynamics, self._state(k), self.problem.free
+        full, _ = self.matrix(k, now.y, now.v, now.a, now.lam, rates=False)
         weight, a = np.abs(np.diag(full))[free], now.a[free]
         still, straight, none = np.zeros_like(now.v), now.y.copy(), np.zeros_like(now.lam)
         straight[d.nq_rigid :] = 0.0
-        t, u = float(march.path.t[k]), march.control_force
+        t, u = float(self.path.t[k]), self.control_force
         force = d.residual(straight, still, still, none, t, u).r[free]
         static = force @ (force / np.maximum(weight, 1e-300))
         return max(sqrt(static), sqrt((weight * a) @ a), 1e-12)
 
     def step(self, k: int, now: Step, last: Step) -> Step:
-        """The state at step k, where the march does not go yet; as `PlainAlpha.step` has it."""
+        """The state at step k, where the march does not go yet."""
         self._take(k - 1, now, last, k)
         self._end = None
         return self._state(k)
 
     def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
-        """Steps from k on, as far as they go: the last one, and the states there and before.
-
-        Raises:
-            StepFailed: The first step fails.
-        """
-        feedback, law, t = self._march.feedback, self.law, self._march.path.t
+        """Steps from k on, as far as they go."""
         taken = self._take(k, now, last, upto)
-        if feedback is not None and law is not None:
-            x, e, target = (law.arrays[name] for name in _OF_LAW)
-            feedback.go_on(float(t[k + taken]), target, x, e)
-            self._found[-1][k + 1 : k + taken + 1] += target
+        if self.feedback is not None and self.law is not None and self.signals is not None:
+            x, e, target = (self.law.arrays[name] for name in _OF_LAW)
+            self.feedback.go_on(float(self.path.t[k + taken]), target, x, e)
+            self.signals.measured[k + 1 : k + taken + 1] += target
         last = now if taken == 1 else self._state(k + taken - 1)
         self._end = now = self._state(k + taken)
         return k + taken, now, last
 
     def _take(self, k: int, now: Step, last: Step, upto: int) -> int:
-        march, at, feedback, law = self._march, self.at, self._march.feedback, self.law
+        at = self.at
         if now is not self._end:
             self.begin(now, last)
-            if feedback is not None and law is not None:
-                x, e, target = (law.arrays[name] for name in _OF_LAW)
-                x[...], e[...] = feedback.state_at(float(march.path.t[k]), target)
+            if self.feedback is not None and self.law is not None:
+                x, e, target = (self.law.arrays[name] for name in _OF_LAW)
+                x[...], e[...] = self.feedback.state_at(float(self.path.t[k]), target)
         before = at.iterations, at.refreshed
         taken = self.march(k + 1, upto - k)
-        march.iterations += at.iterations - before[0]
-        march.tangents += at.refreshed - before[1]
+        self.iterations += at.iterations - before[0]
+        self.tangents += at.refreshed - before[1]
         if not taken:
-            raise StepFailed(self._room.arrays["r"][march.problem.free])
+            raise StepFailed(self._room.arrays["r"][self.problem.free])
         return taken
 
     def _state(self, k: int) -> Step:
-        return Step(*(x[k].copy() for x in self._found[:6]))
+        return Step(*(x[k].copy() for x in self.columns[:6]))
 
     def begin(self, now: Step, last: Step) -> None:
         """Go on from a state, with a new tangent."""
@@ -370,10 +307,9 @@ class CompiledAlpha:
 
     def marcher(self, first: int, count: int) -> Callable[[], int]:
         """`march`, ready to be called again and again with nothing to be made for a call."""
-        if not (first > 0 and count >= 0 and first + count <= len(self._march.path.t)):
-            steps = len(self._march.path.t)
-            raise PinflexError(f"kernel: {count} steps from {first}, of {steps}.")
-        rows, stages = _Rows(*(at + first * width for at, width in self._places)), self._stages
+        if not (first > 0 and count >= 0 and first + count <= len(self.path.t)):
+            raise PinflexError(f"kernel: {count} steps from {first}, of {len(self.path.t)}.")
+        rows, stages = _Rows(*(at + first * width for at, width in self._places)), self.stages
         given = stages.tables, stages.work, ctypes.addressof(self.at), count, ctypes.addressof(rows)
         function = stages.functions.pinflex_alpha
 
@@ -409,23 +345,13 @@ class CompiledAlpha:
         self._fresh = bytes(self.at)
 
 
-def compiled_alpha(march: PlainAlpha, found: Sequence[Array], begin: int) -> CompiledAlpha | None:
-    """The steps of a march, compiled; None where they are plain or a law is any function."""
-    if march.feedback is not None and march.feedback.feedback.linear is None:
-        return None
-    if not march.dynamics.on_kernel:
-        return None
-    return CompiledAlpha(march, Stages(march.problem, implicit_euler()), found, begin)
-
-
 _OF_LAW = ("x_before", "e_before", "target")  # states and errors, and what these are counted from
 
 
-def _law(march: PlainAlpha) -> Record:
-    """The feedback of a march, its states by the trapezoidal rule."""
-    assert march.feedback is not None
-    one = march.feedback.feedback
-    law, system, half = one.linear, march.dynamics.system, 0.5 * march.h
+def _law(state: FeedbackState, h: float, system: System) -> Record:
+    """The feedback of a march in steps of h (s), its states by the trapezoidal rule."""
+    one, half = state.feedback, 0.5 * h
+    law = one.linear
     assert law is not None
     eye = np.eye(len(law.A))
     x_of_x, x_of_e = (

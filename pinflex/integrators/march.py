@@ -10,7 +10,7 @@ controller's outputs.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -86,30 +86,10 @@ _SEEN = 1e-13  # m or rad in every coordinate that no step shows less than
 _SAME_STEP = 1e-9
 
 
-@dataclass(frozen=True)
-class StepControl:
-    """What may differ from run to run.
-
-    Attributes:
-        idle: Factors on h between which a change does not pay: it costs new factors.
-        iterations: Of Newton in a step, at the most.
-        resolution: Coarseness allowed; None: the record's.
-        grain: Lengths of an octave that steps may have, 0: any. A length that follows an estimate
-            of error to all its digits hands round-off from step to step: 1e-14 of a payload is
-            1e-6 of torque at the end of a run.
-    """
-
-    idle: tuple[float, float] = (1.0, 1.2)
-    iterations: int = 10
-    resolution: float | None = None
-    grain: int = 0
-
-
-CONTROL = StepControl()
-# Lengths are given: any coarseness will do. To round-off, and where no step predicts, Newton needs
-# more iterations (ur5 under a digital controller: 12 in the first millisecond); steps in pieces
-# would not be those of the run that they are compared with.
-_GIVEN = replace(CONTROL, idle=(0.0, np.inf), resolution=1e6, iterations=20)
+# Newton's iterations in steps that are given: to round-off, and where no step predicts, it needs
+# more (ur5 under a digital controller: 12 in the first millisecond); steps in pieces would not be
+# those of the run that they are compared with.
+_PATIENT = 20
 ANEW = -1  # of all steps none stays: the run begins again
 
 
@@ -117,8 +97,13 @@ class Radau(Stages):
     """Radau IIA on a problem, as a run within a resolution uses it.
 
     Attributes:
-        control: Of the steps. tolerance: What Newton may leave; None: as the resolution allows.
-        loose: Whether a correction of the steps takes more of that away.
+        resolution: Coarseness allowed; None: the record's.
+        idle: Factors on the length of steps between which a change does not pay: it costs factors.
+        grain: Lengths of an octave that steps may have, 0: any. A length that follows an estimate
+            of error to all its digits hands round-off from step to step: 1e-14 of a payload is
+            1e-6 of torque at the end of a run.
+        tolerance: What Newton may leave; None: as the resolution allows. loose: Whether a
+            correction of the steps takes more of that away. iterations: In a step, at the most.
         finest: Resolution that Newton's tolerance is of at most.
         slow: Contraction of Newton's iteration above which the next step has a new tangent.
         measured: Velocity rows whose displacements count. by_energy: Whether in the norm of elastic
@@ -129,9 +114,11 @@ class Radau(Stages):
     def __init__(self, problem: Problem, method: Collocation, forces: bool = True) -> None:
         """`forces`: whether these are asked for."""
         super().__init__(problem, method)
-        d, self.control = problem.dynamics, CONTROL
-        self.loose, self.slow = False, 0.1
+        d = problem.dynamics
+        self.resolution: float | None = None
+        self.idle, self.grain = (1.0, 1.2), 0
         self.tolerance: NewtonTolerance | None = None
+        self.loose, self.iterations, self.slow = False, 10, 0.1
         # What rests on a rigid stop sinks in by next to nothing: steps must not be off by as much.
         self.finest = _RESTING if d.system.kinks.rigid else np.inf
         self.by_energy = forces and d.flexible
@@ -157,7 +144,7 @@ class March:
         first step is taken whatever its coarseness.
         """
         self._name, self._radau, self.resolution = name, radau, 0.0
-        span, self._repeated, c = ends[1] - ends[0], 0, radau.control
+        span, self._repeated = ends[1] - ends[0], 0
         times, kind = _stops(ends, stops)
         problem, m = radau.problem, radau.method
         given = vars(m) | {"measured_at": radau.measured, "stop_at": times, "kind": kind}
@@ -167,9 +154,9 @@ class March:
         self.kernel = radau.kernel.march(given, table, together)
         self.at = at = self.kernel.at
         at.shortest, at.held, at.growth = _SHORTEST * span, _MEMORY, _RECOVERY
-        at.idle_from, at.idle_to = c.idle
-        at.most, at.seen, at.same_step = c.iterations, _SEEN, _SAME_STEP
-        at.order, at.patience, at.grain = m.s, _PATIENCE, c.grain
+        at.idle_from, at.idle_to = radau.idle
+        at.most, at.seen, at.same_step = radau.iterations, _SEEN, _SAME_STEP
+        at.order, at.patience, at.grain = m.s, _PATIENCE, radau.grain
         at.t, at.h, at.first, at.scale, at.unjudged = ends[0], first, first, scale, unjudged
         at.ceiling = at.refused = np.inf
         self.kernel.y[...], self.kernel.v[...] = start
@@ -233,8 +220,7 @@ class March:
     def require(self, resolution: float) -> None:
         """Let the next steps be as close as a resolution asks for."""
         at, radau = self.at, self._radau
-        given = radau.control.resolution
-        at.resolution, at.slow = resolution if given is None else given, radau.slow
+        at.resolution, at.slow = radau.resolution or resolution, radau.slow
         close = radau.tolerance or newton_tolerance(min(resolution, radau.finest), radau.loose)
         at.least, at.round_off, at.open, at.slack = close
 
@@ -284,7 +270,7 @@ class March:
         k, at = self.kernel, self.at
         sampler = self._radau.problem.sampler
         assert sampler is not None
-        if self._radau.control.resolution is not None:
+        if self._radau.resolution is not None:
             at.h = min(at.first, at.ceiling)  # the next step is as long as it is given
         if not sampler.reach(at.t, k.y, k.v):
             return
@@ -398,7 +384,8 @@ def along(
     the states are a smooth function of the scene's numbers. A step that Newton does not solve is
     taken in pieces: one that another design does not need differs by no more than what it leaves.
     """
-    radau.tolerance, radau.control, steps = SHARP, _GIVEN, len(ends) - 1
+    radau.resolution, radau.idle, radau.iterations = 1e6, (0.0, np.inf), _PATIENT  # any coarseness
+    radau.tolerance, steps = SHARP, len(ends) - 1
     run = integrate(name, radau, start, ends, {**stops, ON: ends[1:].tolist()}, record, 1.0)
     dt = float(ends[-1] - ends[0]) / steps
     settings: Settings = {**run.settings, "dt": dt, "steps": "given"}

@@ -18,6 +18,7 @@ import numpy as np
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.doors import door
+from pinflex.kernel.evaluate import Residual, Tangent
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.compiled import Compiled
 from pinflex.mechanics.evaluation.equations import Equations
@@ -85,66 +86,6 @@ def _solved(S: Array, b: Array, n: int, compiled: Compiled | None) -> Array:
     return np.asarray(scale * np.linalg.lstsq(S, b, rcond=1e-13)[0])
 
 
-@dataclass(frozen=True)
-class StepSystem:
-    """What Newton's first iteration of a step of length h solves, of every velocity row.
-
-        M da + C dv + K dy - J' dlam = -r,     J dy = -c
-
-    Attributes:
-        M, C, K: Derivatives of r by a, v and y, shape (nv, nv). J: dc/dy, shape (rows, nv).
-        r: Forces left at the prediction, shape (nv,) [N m | N]; of motors, their torque.
-        c: Closures left there, shape (rows,) [m | -].
-        y, v, a, lam: The prediction, at the end of the step.
-        h: Step [s]. free: Rows that are solved for.
-    """
-
-    M: Array
-    C: Array
-    K: Array
-    J: Array
-    r: Array
-    c: Array
-    y: Array
-    v: Array
-    a: Array
-    lam: Array
-    h: float
-    free: IntArray
-
-    def saddle(self, gamma: float = 0.5, beta: float = 0.25) -> tuple[Array, Array]:
-        """Matrix and right side for (da, dlam) of the free rows, with Newmark's gamma and beta.
-
-            dv = gamma h da,     dy = beta h^2 da
-
-        The closures are divided by beta h^2, so that both blocks of J are alike.
-        Source: Newmark (1959), A method of computation for structural dynamics, J. Eng. Mech. 85.
-        """
-        at, h = np.ix_(self.free, self.free), self.h
-        S = self.M[at] + gamma * h * self.C[at] + beta * h**2 * self.K[at]
-        return saddle_matrix(S, self.J[:, self.free]), -np.concatenate(
-            [self.r[self.free], self.c / (beta * h**2)]
-        )
-
-
-def build_step(mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.0) -> StepSystem:
-    """The system of equations of one step of level coupled with motors held, to be looked at.
-
-    Predicted is a motion of constant acceleration, that which the equations have at (y, v).
-
-    Args:
-        mechanism: With its motors. y, v: State, shapes (nq,) and (nv,) of the flexible mechanism.
-        h: Step [s]. t: Its start [s], for loads.
-    """
-    system = mechanism.loose
-    dynamics, held = Equations(system), system.motors
-    a, lam = consistent_acceleration(dynamics, y, v, held, np.zeros(len(held)), None, t)
-    at, speed = dynamics.integrate(y, h * v + 0.5 * h**2 * a), v + h * a
-    r, c = dynamics.residual(at, speed, a, lam, t + h)
-    M, C, K, J = dynamics.tangent(at, speed, a, lam, t + h)
-    return StepSystem(M, C, K, J, r, c, at, speed, a, lam, h, system.free)
-
-
 Path = Callable[[Array], MotorPath]
 _BESIDE = 1e-10  # of the time: beyond what laws of motion snap to, less than any step to a node
 _AT_BREAK = 1e-9  # of a run: nearer to a break a sample lies on it
@@ -173,6 +114,28 @@ class State:
     a: Array
     lam: Array
     torque: Array
+
+
+def build_step(
+    mechanism: Mechanism, y: Array, v: Array, h: float, t: float = 0.0
+) -> tuple[State, Residual, Tangent]:
+    """What Newton's first iteration of a step with motors held solves, to be looked at.
+
+        M da + C dv + K dy - J' dlam = -r,     J dy = -c
+
+    Args:
+        mechanism: With its motors. y, v: State, shapes (nq,) and (nv,) of the flexible mechanism.
+        h: Step [s]. t: Its start [s], for loads.
+    Returns:
+        The prediction at the end, of constant acceleration; r and c there; M, C, K and J.
+    """
+    system = mechanism.loose
+    dynamics, held = Equations(system), system.motors
+    a, lam = consistent_acceleration(dynamics, y, v, held, np.zeros(len(held)), None, t)
+    at, speed, end = dynamics.integrate(y, h * v + 0.5 * h**2 * a), v + h * a, t + h
+    left = dynamics.residual(at, speed, a, lam, end)
+    now = State(end, at, speed, a, lam, left.r[held])
+    return now, left, dynamics.tangent(at, speed, a, lam, end)
 
 
 class Problem:
@@ -214,14 +177,23 @@ class Problem:
         return self._balanced(t, y, v)
 
     def _balanced(self, t: float, y: Array, v: Array) -> State:
-        d, path = self.dynamics, self.path(np.array([t]))
-        u, held, a_held = self.control_force, self.motors, path.acceleration[0]
-        if self.drive is None:
-            a, lam = consistent_acceleration(d, y, v, held, a_held, None, t, u)
-            return State(t, y, v, a, lam, d.residual(y, v, a, lam, t, u).r[self.motors])
-        torque = self.pull(path, y[None], v[None])[0]
-        a, lam = consistent_acceleration(d, y, v, held[:0], np.zeros(0), torque, t, u)
+        path, u = self.path(np.array([t])), self.control_force
+        torque = None if self.prescribed else self.pull(path, y[None], v[None])[0]
+        a, lam = self.accelerated(t, y, v, path.acceleration[0], torque, u)
+        if torque is None:
+            torque = self.dynamics.residual(y, v, a, lam, t, u).r[self.motors]
         return State(t, y, v, a, lam, torque)
+
+    def accelerated(
+        self, t: float, y: Array, v: Array, a_motors: Array, torque: Array | None, u: Array | None
+    ) -> tuple[Array, Array]:
+        """Accelerations and multipliers at (y, v) under forces u (nv,) of a control.
+
+        The motors have those that are given, or are driven by a torque (nm,).
+        """
+        held = self.motors if torque is None else self.motors[:0]
+        a_held = a_motors[: len(held)]
+        return consistent_acceleration(self.dynamics, y, v, held, a_held, torque, t, u)
 
     def jumps(self, t: Array, moved: Array) -> IntArray:
         """Which of times t (k,) accelerations of the motion jump at; `moved`: those of the run."""
@@ -283,6 +255,13 @@ class Problem:
         """Generalised forces (nv,) that a digital controller holds now; None: none."""
         return None if self.sampler is None else self.sampler.force
 
+    def inside(self, t: Array, c: Array) -> tuple[MotorPath, Array]:
+        """Motion of the motors at the stages of a step, and their times as loads see them, (s,).
+
+        `c`: their nodes. Where a load switches at an end, it is as it is inside, however rounded.
+        """
+        return self.path_inside(t), t + max(1.0, float(t[-1])) * 1e-12 * (1.0 - 2.0 * c)
+
     def path_inside(self, t: Array) -> MotorPath:
         """Motion of the motors at times of stages (k,) s, the last of which may end a step.
 
@@ -302,14 +281,6 @@ def on_marks(t: Array, marks: Sequence[float]) -> BoolArray:
     k = np.searchsorted(every, t)
     apart = np.minimum(t - every[k - 1], every[k] - t)
     return np.asarray(apart <= (_AT_BREAK * np.ptp(t) if len(t) else 0.0))
-
-
-def seen_inside(t: Array, c: Array) -> Array:
-    """Times of the stages at nodes c of a step as loads see them, (s,).
-
-    Where one switches at an end of the step, it is as it is inside, however that is rounded.
-    """
-    return t + max(1.0, float(t[-1])) * 1e-12 * (1.0 - 2.0 * c)
 
 
 # What a level hands over: the states of a system over time, before anything is recovered.

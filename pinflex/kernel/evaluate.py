@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
 from pinflex.kernel.library import Record, aligned, loaded, names, numbers, place
 
@@ -315,11 +315,6 @@ class Evaluator:
         getattr(self.functions, f"pinflex_{name}")(self.tables.address, self.work, *pointers)
 
 
-# Linear systems on closures, marched by compiled code (`Linear` in source/linear_march.c).
-
-OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
-
-
 def entries_of(
     matrices: str, nv: int, closures: int, rows: IntArray, columns: IntArray
 ) -> IntArray:
@@ -328,83 +323,3 @@ def entries_of(
     J = 3 * nv**2 + (np.arange(closures)[:, None] * nv + rows).ravel()
     where = {"M": square, "C": square + nv**2, "K": square + 2 * nv**2, "J": J}
     return np.concatenate([where[matrix] for matrix in matrices])
-
-
-class LinearKernel:
-    """March of systems that share their constant part; factors are kept once they are known.
-
-    Attributes:
-        state: d, v, a and the algorithmic acceleration that the next step starts from, (4, n).
-        at: The C structure.
-    """
-
-    def __init__(
-        self,
-        constant: Mapping[str, Array],
-        varies: tuple[BoolArray, BoolArray],
-        settings: Mapping[str, float],
-        systems: int,
-        kept: bool,
-    ) -> None:
-        """Nothing is factored yet.
-
-        `constant`: S, C, K (n, n) and J (rows, n), zero where entries vary; `varies`: where those
-        of the first three, and of J, do. `settings`: h and `OF_METHOD`.
-        """
-        square, closures = varies
-        self._functions, self._systems = loaded(), systems
-        self._width = int(3 * np.sum(square) + np.sum(closures))
-        self.rows, self.n = constant["J"].shape
-        size = self.n + self.rows
-        # Column by column, as the C code goes through them.
-        given: dict[str, Any] = {name: constant[name].T for name in "SJ"}
-        given["col_at"], given["row"] = _columns(square)
-        given["J_col_at"], given["J_row"] = _columns(closures)
-        for name in "CK":
-            x = constant[name]
-            given[f"{name}_at"], given[f"{name}_row"] = _columns(x != 0.0)
-            given[name] = x.T[x.T != 0.0]
-        self._kept, self._lu = kept, np.empty(0 if kept else size * size)
-        sizes = {"n": self.n, "rows": self.rows, "size": size, "rooms": systems if kept else 1}
-        self._record = Record(
-            "Linear", sizes, given, kept=int(kept), lu=self._lu.ctypes.data, **settings
-        )
-        self.at, self.state = self._record.at, self._record.arrays["state"]
-
-    def forget(self) -> None:
-        """Factors are those of other systems from here on."""
-        self._record.arrays["holds"][:] = 0
-
-    def use(self, room: Array) -> None:
-        """Keep factors in `room`, (systems * (n + rows)^2,); none are there yet."""
-        self.at.lu = place(room, self._systems * (self.n + self.rows) ** 2)
-        self._lu = room
-        self.forget()
-
-    def march(
-        self,
-        system: IntArray,
-        value: Array,
-        load: Array,
-        response: tuple[Array, Array, Array, Array],
-    ) -> int:
-        """Steps from `state` on; the number of those that were taken before a singular system."""
-        count, n, rows = len(system), self.n, self.rows
-        at = np.ascontiguousarray(system, dtype=np.int64)
-        if count and (np.min(at) < 0 or np.max(at) >= min(len(value), self._systems)):
-            raise PinflexError("kernel: a step of a system that is not given.")
-        if self._kept and not self._lu.size:
-            raise PinflexError("kernel: no room for the factors.")
-        given, here = (numbers(value, len(value), self._width), numbers(load, count, n)), self.at
-        here.count, here.system = count, at.ctypes.data
-        here.value, here.load = (x.ctypes.data for x in given)
-        widths = zip(response, (n, n, n, rows), strict=True)
-        here.d, here.v, here.a, here.lam = (place(x, count, width) for x, width in widths)
-        return int(self._functions.pinflex_linear_march(self._record.address))
-
-
-def _columns(varies: BoolArray) -> tuple[IntArray, IntArray]:
-    """Where the entries of each column start, and their rows."""
-    col, row = np.nonzero(varies.T)
-    at = np.searchsorted(col, np.arange(varies.shape[1] + 1))
-    return at.astype(np.int64), row.astype(np.int64)

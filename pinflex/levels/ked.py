@@ -25,7 +25,6 @@ from pinflex.errors import ConvergenceError, DescriptionError, Ending
 from pinflex.integrators.chebyshev import Interpolation, Varying
 from pinflex.integrators.collocation import (
     Across,
-    Alpha,
     AlphaScheme,
     Instant,
     Method,
@@ -39,8 +38,8 @@ from pinflex.integrators.collocation import (
 )
 from pinflex.integrators.equal_steps import STAGES, crossing
 from pinflex.integrators.problem import Run, Settings
-from pinflex.kernel.evaluate import OF_METHOD, LinearKernel, entries_of
-from pinflex.kernel.library import kernel
+from pinflex.kernel.evaluate import entries_of
+from pinflex.kernel.library import Record, kernel, loaded, numbers, place
 from pinflex.levels.linearised import EveryStep, InterpolatedPath, LinearPath, along
 from pinflex.levels.quasistatic import unstable_directions
 from pinflex.levels.start import Start, linear_start
@@ -59,6 +58,7 @@ _WINDOW = 64  # steps at a time, at the least
 _VALUES = 100_000  # varying entries of the systems of a window (0.8 MB): caches are small
 _FACTORS = 2_000_000  # numbers of factors that a window keeps (16 MB)
 _FEWEST = 16  # systems whose factors are kept, however large
+_OF_METHOD = ("mass_factor", "beta", "gamma", "alpha_m", "alpha_f")
 
 
 class Response(NamedTuple):
@@ -185,25 +185,33 @@ class LinearMarch:
         return kernel().functions is not None and n > 0 and len(self.grid.t) > 1
 
     def advance(self, s: slice, load: Array, state: Array, response: Response) -> bool:
-        """Steps of a window by the kernel; False where a system is singular."""
+        """Steps of a window by the kernel; False where a system is singular.
+
+        `state`: d, v, a and the algorithmic acceleration that the next step starts from, (4, n).
+        """
         values, system = self._opened(s)
-        self._kernel.state[:] = state
-        there = response.d[s], response.v[s], response.a[s], response.lam[s]
-        done = self._kernel.march(system, values, load, there)
-        state[:] = self._kernel.state
-        return bool(done == len(system))
+        at, (rows, n), count = self._record.at, self.parts[3].shape, len(system)
+        self._record.arrays["state"][:] = state
+        at.count, at.system, at.value = count, system.ctypes.data, values.ctypes.data
+        given = numbers(load, count, n)
+        at.load = given.ctypes.data
+        widths = zip(response, (n, n, n, rows), strict=True)
+        at.d, at.v, at.a, at.lam = (place(x[s], count, width) for x, width in widths)
+        done = loaded().pinflex_linear_march(self._record.address)
+        state[:] = self._record.arrays["state"]
+        return bool(done == count)
 
     def _opened(self, s: slice) -> tuple[Array, IntArray]:
         """Varying entries of the systems of a window, and which of them is each step's."""
         if s != self._window or self._workspace.owner is not self:
             at, system = np.unique(self._at[s], return_inverse=True)
-            width, size = self._nodes.shape[1], self._kernel.n + self._kernel.rows
+            width, size = self._nodes.shape[1], sum(self.parts[3].shape)
             factors = self._steps * size * size if self._shared else 0
-            numbers = self._workspace.take(self, factors + len(at) * width)
+            room = self._workspace.take(self, factors + len(at) * width)
             if self._shared:
-                self._kernel.use(numbers[:factors])
-            self._kernel.forget()
-            values = numbers[factors:].reshape(len(at), width)
+                self._record.at.lu = room.ctypes.data
+            self._record.arrays["holds"][:] = 0
+            values = room[factors:].reshape(len(at), width)
             self.grid.between(self._nodes, at, values)
             self._window, self._values = s, (values, system)
         return self._values
@@ -247,13 +255,32 @@ class LinearMarch:
         return by_a * M + by_v * C + by_d * K
 
     @cached_property
-    def _kernel(self) -> LinearKernel:
+    def _record(self) -> Record:
+        """`Linear` in kernel/source/linear_march.c, of which nothing is factored yet.
+
+        What is constant of the systems, zero where entries vary; column by column.
+        """
         square, closures = self._entries
         M, C, K = (np.where(square, 0.0, x.constant) for x in self.parts[:3])
         J = np.where(closures, 0.0, self.parts[3].constant)
-        constant = {"S": self._weighted(M, C, K), "C": C, "K": K, "J": J}
-        settings = {"h": self.h} | {name: getattr(self.scheme, name) for name in OF_METHOD}
-        return LinearKernel(constant, self._entries, settings, self._steps, self._shared)
+        given = {"S": self._weighted(M, C, K).T, "J": J.T}
+        given["col_at"], given["row"] = _columns(square)
+        given["J_col_at"], given["J_row"] = _columns(closures)
+        for name, x in (("C", C), ("K", K)):
+            given[f"{name}_at"], given[f"{name}_row"] = _columns(x != 0.0)
+            given[name] = x.T[x.T != 0.0]
+        (rows, n), kept = J.shape, self._shared
+        self._lu = np.empty(0 if kept else (n + rows) ** 2)
+        sizes = {"n": n, "rows": rows, "size": n + rows, "rooms": self._steps if kept else 1}
+        method = {name: getattr(self.scheme, name) for name in _OF_METHOD}
+        lu = self._lu.ctypes.data
+        return Record("Linear", sizes, given, kept=int(kept), lu=lu, h=self.h, **method)
+
+
+def _columns(varies: BoolArray) -> tuple[IntArray, IntArray]:
+    """Where the entries of each column start, and their rows."""
+    col, row = np.nonzero(varies.T)
+    return np.searchsorted(col, np.arange(varies.shape[1] + 1)), row
 
 
 class RunningMarch:
@@ -303,22 +330,22 @@ _GAUSS = 3  # points of a mean over a part of a step, exact up to h^5
 _BESIDE = 1e-10  # of the time: beyond what motions and loads snap to
 
 
-def method_of(spec: SolveSpec) -> Method:
+def method_of(spec: SolveSpec) -> AlphaScheme | Method:
     """The method that a scene names or gives: one of the alpha family, or any function of steps."""
     given = spec.method
     if isinstance(given, AlphaScheme):
-        return Alpha(given)
+        return given
     if callable(given):
         return partial(given, **spec.method_options)
     rho_inf = 0.8 if spec.rho_inf is None else spec.rho_inf
-    return Alpha(scheme(spec.by_steps, rho_inf, spec.newmark))
+    return scheme(spec.by_steps, rho_inf, spec.newmark)
 
 
 def solve_ked(
     mechanism: Mechanism,
     motion: Motion,
     t: Array,
-    method: Method,
+    method: AlphaScheme | Method,
     start: str = "straight",
     structural: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -328,7 +355,7 @@ def solve_ked(
     """March the linear deviation, one linear system a step: the nominal motion and this."""
     level = _Ked(mechanism, motion, t, structural, every)
     begin = level.predict(start)
-    systems = level.residual(close or (_CLOSE if isinstance(method, Alpha) else _CLOSER))
+    systems = level.residual(close or (_CLOSE if isinstance(method, AlphaScheme) else _CLOSER))
     deviation, torque = level.correct(systems, method, begin.y, progress)
     if deviation.sound < len(level.path.t) and every > 1:
         return solve_ked(mechanism, motion, t, method, start, structural, progress, close)
@@ -371,7 +398,7 @@ class _Ked:
         return along(*given, self.line.dynamics, self._t)
 
     def correct(
-        self, systems: InterpolatedPath | EveryStep, method: Method, start: Array,
+        self, systems: InterpolatedPath | EveryStep, method: AlphaScheme | Method, start: Array,
         progress: Callable[[int, int], None] | None,
     ) -> tuple[Response, Array]:  # fmt: skip
         """The deviation and the motors' torques at the samples.
@@ -380,14 +407,16 @@ class _Ked:
             DescriptionError: A mass comes or goes, of which a method from outside knows nothing.
         """
         if self.system.added.instants:
-            if not isinstance(method, Alpha):
+            if not isinstance(method, AlphaScheme):
                 raise DescriptionError(
                     f"{self._mechanism.name}: payload: from, until: level ked takes them with a "
                     "method of the alpha family. Leave out solve.integrator."
                 )
-            method = replace(method, across=self._across(systems))
-        elif isinstance(method, Alpha) and isinstance(systems, InterpolatedPath):
-            return _alpha(systems, method.scheme, self.h, start, self._every)
+            method = partial(alpha, method, across=self._across(systems))
+        elif isinstance(method, AlphaScheme):
+            if isinstance(systems, InterpolatedPath):
+                return _alpha(systems, method, self.h, start, self._every)
+            method = partial(alpha, method)
         return _stepped(systems, method, self.h, start, self._every, progress)
 
     def _across(self, systems: InterpolatedPath | EveryStep) -> Across:

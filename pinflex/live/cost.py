@@ -84,7 +84,7 @@ def step_cost(
     )
     path = _on_and_on(mechanism, dt)
     engine = live.reset(motion=default_motion(mechanism))._engine(True, path[:, 0])
-    at, move, now = engine.kernel.at, engine.path, time.thread_time_ns
+    at, move, now = engine.march.at, engine.path, time.thread_time_ns
     times, counts = np.zeros((3, steps), np.int64), np.zeros((4, steps + 1), np.int64)
     length, seen = path.shape[1], _disturbances()
     same: Callable[[], object] = _empty_call

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive
 from pinflex.actuation.path import MotorPath
 from pinflex.arrays import Array
-from pinflex.integrators.collocation import AlphaScheme, implicit_euler
-from pinflex.integrators.compiled import Stages
+from pinflex.integrators.collocation import AlphaScheme
 from pinflex.integrators.equal_steps import NEWTON, CompiledAlpha
-from pinflex.integrators.plain.alpha import MAX_ITERATIONS, PlainAlpha, Step
+from pinflex.integrators.plain.alpha import MAX_ITERATIONS, Step
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.text import frozen
@@ -43,7 +40,7 @@ class Engine:
         torque: What pushes motors that are not led (N m | N), shape (2, nm).
         scale: Shares of the loads at the two instants, shape (2, forces).
         found: y, v, a, s, lam, torque and power at the two instants, shapes (2, n).
-        kernel: The compiled steps.
+        march: The steps, compiled.
     """
 
     def __init__(
@@ -55,49 +52,41 @@ class Engine:
         led: bool,
         bounds: Bounds,
     ) -> None:
-        system, nm = dynamics.system, len(dynamics.system.motors)
-        self.bounds = bounds
+        self.bounds, nm = bounds, len(dynamics.system.motors)
         self.path = MotorPath(np.array([0.0, h]), *np.zeros((3, 2, nm)))
         self.torque, none = np.zeros((2, nm)), np.zeros(nm)
         drive = None if led else TorqueDrive(none, none, self.torque, lambda t: self.torque[:1])
-        self.march = PlainAlpha(mechanism, dynamics, self.path, scheme, drive, NEWTON, None)
-        widths = (system.nq, *(system.nv,) * 3, system.closed.n, nm, 2)
-        self.found = tuple(np.zeros((2, n)) for n in widths)
-        self.kernel: CompiledAlpha  # from the first start on
-        self.stages = Stages(self.march.problem, implicit_euler())
+        march = CompiledAlpha(mechanism, dynamics, self.path, scheme, drive, NEWTON, None)
+        march.limit(bounds.tangents, bounds.every, bounds.iterations, bounds.stops)
+        self.march, self.found, self.scale = march, march.columns, march.rows[3]
+        self.take = march.marcher(1, 1)
 
     def shares(self, t: float) -> None:
         """Let loads that vary in time act in the next step as at t (s)."""
-        self.scale[1] = self.stages.kernel.evaluator.scale((t,))[0]
+        self.scale[1] = self.march.stages.evaluator.scale((t,))[0]
 
     def begin(self, t: float, now: Step, anew: bool) -> None:
         """Go on from a state at t (s); `anew`: with speeds that let multipliers start quietly."""
         self.path.t[:] = t, t + self.march.h
-        for column, value in zip(self.found, self._parts(now), strict=False):
-            column[:] = value
-        if not hasattr(self, "kernel"):
-            kernel = self.kernel = CompiledAlpha(self.march, self.stages, self.found, 0)
-            b, self.scale, self.take = self.bounds, kernel.rows[3], kernel.marcher(1, 1)
-            kernel.limit(b.tangents, b.every, b.iterations, b.stops)
-        kernel = self.kernel
-        kernel.forget()
-        kernel.at.reference = kernel.scale(0)
-        if anew and self.march.dynamics.looped:
-            kernel.at.allowed = 0  # the steps of a start are not those of the loop
-            now = self.march.quiet(now, kernel.step(1, now, now), 0)
-            kernel.at.allowed, kernel.at.age = self.bounds.tangents, 0
-        for column, value in zip(self.found, self._parts(now), strict=False):
-            column[:] = value
-        kernel.begin(now, now)
+        self._put(now)
+        march, at = self.march, self.march.at
+        march.forget()
+        at.reference = march.scale(0)
+        if anew and march.dynamics.looped:
+            at.allowed = 0  # the steps of a start are not those of the loop
+            now = march.quiet(now, march.step(1, now, now), 0)
+            at.allowed, at.age = self.bounds.tangents, 0
+        self._put(now)
+        march.begin(now, now)
 
-    @staticmethod
-    def _parts(x: Step) -> Sequence[Array]:
-        return x.y, x.v, x.a, x.s, x.lam, x.torque
+    def _put(self, now: Step) -> None:
+        for column, value in zip(self.found, now, strict=False):
+            column[:] = value
 
     @property
     def stopped(self) -> int:
         """The motor that would have passed its stop in the last step, or -1."""
-        return int(self.kernel.at.stopped) if hasattr(self, "kernel") else -1
+        return int(self.march.at.stopped)
 
     def kept(self) -> Step:
         """Where the last step ended."""

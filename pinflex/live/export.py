@@ -41,7 +41,7 @@ _SETTINGS = (
 
 def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
     """The file model.c of a simulator where it stands."""
-    stages = engine.stages.kernel
+    stages = engine.march.stages
     tables = stages.evaluator.tables
     arrays = {f"t_{name}": x for name, x in tables.arrays.items()}
     lists = {name: stages.arrays[name] for name in _LISTS}
@@ -66,7 +66,7 @@ def model_c(live: Simulator, engine: Engine, outputs: Outputs) -> str:
 
 
 def _settings(engine: Engine) -> dict[str, float]:
-    at = engine.kernel.at
+    at = engine.march.at
     begun = {"stale": 1, "ready": 0, "stopped": -1, "curved": -1}
     return {name: getattr(at, name) for name in _SETTINGS} | begun
 

@@ -365,7 +365,7 @@ class Simulator:
     @property
     def cost(self) -> Mapping[str, int]:
         """Steps, Newton iterations and tangents since the motors were last led or pushed anew."""
-        at = self._at.kernel.at
+        at = self._at.march.at
         return {"steps": self._steps, "newton": at.iterations, "tangents": at.refreshed}
 
     @public
@@ -423,7 +423,7 @@ class Simulator:
     def snapshot(self) -> Snapshot:
         """The state, with all that the steps go on with."""
         led = self._at is self._engines.get(True)
-        return Snapshot(id(self), led, self._steps, self._at.kernel.kept())
+        return Snapshot(id(self), led, self._steps, self._at.march.kept())
 
     @public
     def restore(self, snapshot: Snapshot) -> Simulator:
@@ -439,7 +439,7 @@ class Simulator:
                 f"{self.mechanism.name}: restore: not a snapshot of this simulator."
             )
         engine = self._at = self._made(snapshot.led)
-        engine.kernel.go_back(snapshot.state)
+        engine.march.go_back(snapshot.state)
         self._steps, self._log = snapshot.steps, None
         return self
 

@@ -91,8 +91,7 @@ def state(run: Run, h: float) -> Step | None:
     if run.s is None or abs(h / run.settings["dt"] - 1.0) > _SAME:
         return None
     parts = (run.y, run.v, run.a, run.s, run.lam, run.torque)
-    y, v, a, s, lam, torque = (part[-1].copy() for part in parts)
-    return Step(y, v, a, s, lam, torque)
+    return Step(*(part[-1].copy() for part in parts))
 
 
 def join(first: Run, rest: Run) -> Run:

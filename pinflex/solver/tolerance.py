@@ -21,7 +21,7 @@ from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array, IntArray
 from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.errors import ConvergenceError, Ending
-from pinflex.integrators.collocation import Alpha, Collocation
+from pinflex.integrators.collocation import AlphaScheme, Collocation
 from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
@@ -384,8 +384,8 @@ def by_plain_steps(scene: Scene, t: Array, tol: float, progress: Progress | None
 def _order(spec: SolveSpec) -> int:
     """Power of the step that the errors of equal steps fall with; 1 where nothing is known."""
     march = method_of(spec)
-    if isinstance(march, Alpha):
-        return march.scheme.order
+    if isinstance(march, AlphaScheme):
+        return march.order
     return 2 if spec.method is None else 1
 
 

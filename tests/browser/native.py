@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pinflex.actuation.drive import breaks
@@ -47,7 +45,7 @@ def _judged(mechanism: Mechanism, t: Array) -> tuple[Run, Judge]:
     judges = list[Judge]()
 
     def keeper(steps: march.Radau) -> Judge:
-        steps.control, steps.slow = replace(steps.control, grain=GRAIN), SLOW
+        steps.grain, steps.slow = GRAIN, SLOW
         judges.append(OfPage(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False))
         return judges[-1]
 

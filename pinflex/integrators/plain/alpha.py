@@ -13,22 +13,22 @@ Positions satisfy c = 0 at every step: they never drift off the closures.
 from __future__ import annotations
 
 from math import isfinite, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pinflex.actuation.feedback import Feedback, FeedbackState
-from pinflex.arrays import Array
+from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import AlphaScheme
-from pinflex.integrators.problem import Problem, StepFailed, consistent_acceleration
+from pinflex.integrators.problem import Problem, Run, Settings, StepFailed
 from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.text import frozen
 
 if TYPE_CHECKING:
     from pinflex.actuation.drive import TorqueDrive
     from pinflex.actuation.path import MotorPath
     from pinflex.mechanics.mechanism import Mechanism
+    from pinflex.mechanics.model.system import System
 
 MAX_ITERATIONS = 12
 # Contraction above which the next iteration has a new tangent, and above which it is none; then
@@ -36,8 +36,7 @@ MAX_ITERATIONS = 12
 _SLOW, _STALLED, _NOISE = 0.1, 0.7, 1e3
 
 
-@frozen
-class Step:
+class Step(NamedTuple):
     """The state that moves through the run: y (nq,), v, a, s (nv,), lam (rows,), torque (nm,)."""
 
     y: Array
@@ -55,6 +54,8 @@ class PlainAlpha:
         problem: What is solved. h: Step [s]. predictor: From a, and the a, s and v before it, to
             s, v and the move, shape (3, 4). weights: Of M, C and K.
         tolerance: Newton's, of what the acceleration is at the time.
+        columns: y, v, a, s, lam, torque and power at all instants, each (steps, n), where they are
+            known; signals: of the feedback there, or None.
         control_force: Of the feedback at the state evaluated last, shape (nv,); None: none acts.
         farthest: m or rad that an elastic coordinate may go. iterations, tangents: Counts.
     """
@@ -77,6 +78,9 @@ class PlainAlpha:
         self.signals = None if self.feedback is None else self.feedback.signals(len(path.t))
         self.weights, self.predictor = scheme.weights(h), _predictor(scheme, h)
         self.tolerance, self.iterations, self.tangents = tolerance, 0, 0
+        system, n = dynamics.system, len(path.t)
+        widths = (system.nq, *(system.nv,) * 3, system.closed.n, len(system.motors), 2)
+        self.columns = tuple(np.zeros((n, width)) for width in widths)
         self._S: Array | None = None  # Newton's matrix
         self._weight, self._noise = np.zeros(0), 0.0  # of free accelerations
         # Far from the motion the equations have other roots; ten lengths off is one of them.
@@ -86,6 +90,52 @@ class PlainAlpha:
         """Let the feedback act at a state of step k: y (nq,), v (nv,)."""
         if self.feedback is not None:
             self.control_force = self.feedback.force(float(self.path.t[k]), y, v)
+
+    def advance(self, k: int, now: Step, last: Step, upto: int) -> tuple[int, Step, Step]:
+        """Steps from k on, here one: the number of the last one, and the states there and before.
+
+        Raises:
+            StepFailed: The first step fails. LinAlgError: Its matrix is singular.
+        """
+        after = self.step(k + 1, now, last)
+        self.keep(k + 1, after)
+        return k + 1, after, now
+
+    def keep(self, k: int, now: Step) -> None:
+        """Record step k; a feedback goes on from there."""
+        losses = self.dynamics.losses(now.y[None], now.v[None])[0]
+        power = np.array([now.torque @ now.v[self.problem.motors], losses])
+        for column, values in zip(self.columns, (*now, power), strict=True):
+            column[k] = values
+        if self.feedback is not None and self.signals is not None:
+            self.control(k, now.y, now.v)
+            assert self.control_force is not None
+            self.feedback.keep()
+            self.signals.u[k], self.signals.measured[k] = self.feedback.u, self.feedback.m
+            self.columns[-1][k, 0] += float(self.control_force @ now.v)
+
+    def settle(self, at: IntArray) -> None:
+        """Accelerations and forces at some steps, of the motion as it is there."""
+        y, v, a, _, lam, torque, _ = self.columns
+        for k in at:
+            a[k], lam[k] = self.accelerated(k, y[k], v[k], self.path.acceleration[k])
+            torque[k] = self.residual(k, y[k], v[k], a[k], lam[k])[2]
+
+    def run(self, system: System, begin: int, upto: int) -> Run:
+        """The steps from one to another as a run of a system; work by the trapezoidal rule."""
+        k, steps, h = slice(begin, upto + 1), upto - begin, self.h
+        counts = {"steps": steps, "newton": self.iterations, "tangents": self.tangents}
+        settings: Settings = {"integrator": self.scheme.name, "dt": h, "gamma": self.scheme.gamma}
+        if self.feedback is not None and self.feedback.feedback.linear is None:
+            settings["march"] = "in Python: control.law is a function (one of pf.pid runs compiled)"
+        y, v, a, s, lam, torque, power = (column[k] for column in self.columns)
+        work = np.zeros((steps + 1, 2))
+        np.cumsum(0.5 * h * (power[1:] + power[:-1]), axis=0, out=work[1:])
+        signals = None if self.signals is None else self.signals.at(k)
+        return Run(
+            system, self.path.t[k], y, v, a, lam, torque, dict(counts), settings, work,
+            signals=signals, s=s,
+        )  # fmt: skip
 
     def step(self, k: int, now: Step, last: Step) -> Step:
         """The state at step k: prescribe and predict, then residual and correct until it is near.
@@ -187,15 +237,10 @@ class PlainAlpha:
 
     def accelerated(self, k: int, y: Array, v: Array, a_motors: Array) -> tuple[Array, Array]:
         """Consistent accelerations and multipliers; those of the motors hold where they are led."""
-        p, t = self.problem, float(self.path.t[k])
+        p, drive, t = self.problem, self.drive, float(self.path.t[k])
         self.control(k, y, v)
-        held, tau = p.motors, None
-        if self.drive is not None:
-            held, a_motors = held[:0], a_motors[:0]
-            tau = self.drive.torque(k, self.path, p.axes, y, v)
-        return consistent_acceleration(
-            self.dynamics, y, v, held, a_motors, tau, t, self.control_force
-        )
+        torque = None if drive is None else drive.torque(k, self.path, p.axes, y, v)
+        return p.accelerated(t, y, v, a_motors, torque, self.control_force)
 
     def first(self, y: Array, v: Array, k: int) -> Step:
         """Consistent accelerations and multipliers, s = a(t + (alpha_m - alpha_f) h), at step k.

@@ -7,7 +7,7 @@ A step of length h from (y_0, v_0) has s stages, at each of which the equations 
 On a manifold, u is v seen in the exponential coordinates of the step (Munthe-Kaas 1999), else
 u = v. Newton solves for the corrections of all stages at once, on the tangent of one state:
 
-    M da_i + h C A_ij da_j + h^2 K A2_ij da_j - J' dlam_i = -r_i,    h^2 J A2_ij da_j = -c_i
+    M da_i + h C A_ij da_j + h^2 K A2_ij da_j - J' dlam_i = -r_i,  J da_i = -(h^2 A2)^-1_ij c_j
 
 Steps have the lengths that they are given; one that Newton does not solve is taken in halves. It is
 to be right, not fast: no error is estimated (see `pinflex.solver.tolerance`).
@@ -24,7 +24,8 @@ from pinflex.actuation.path import MotorPath
 from pinflex.arrays import Array
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import Collocation
-from pinflex.integrators.problem import Problem, Run, Settings, State, StepFailed, seen_inside
+from pinflex.integrators.problem import Problem, Run, Settings, State, StepFailed
+from pinflex.linalg import saddle_matrix
 from pinflex.mechanics.manifold import Manifold
 
 _ITERATIONS, _HALVINGS = 20, 10  # of a step, at the most
@@ -121,8 +122,7 @@ class PlainRadau:
 
     def prescribe(self, start: State, h: float) -> tuple[MotorPath, Array]:
         """Motion of the motors at the stages, and the times at which loads see them."""
-        t = start.t + h * self.method.c
-        return self.problem.path_inside(t), seen_inside(t, self.method.c)
+        return self.problem.inside(start.t + h * self.method.c, self.method.c)
 
     def predict(self, start: State, path: MotorPath) -> tuple[Array, Array]:
         """Accelerations and multipliers of the stages: those of the start."""
@@ -215,12 +215,9 @@ class PlainRadau:
         if p.drive is not None:
             C[p.motors, p.motors] += p.drive.kd
             K[p.motors, p.motors] += p.drive.kp
-        at, J, eye = np.ix_(p.free, p.free), J[:, p.free], np.eye(m.s)
-        n, rows = m.s * len(p.free), m.s * len(J)
-        S = np.zeros((n + rows, n + rows))
-        S[:n, :n] = np.kron(eye, M[at]) + np.kron(h * m.A, C[at]) + np.kron(h * h * m.A2, K[at])
-        S[:n, n:] = -np.kron(eye, J.T)
-        S[n:, :n] = np.kron(h * h * m.A2, J)
+        at, eye = np.ix_(p.free, p.free), np.eye(m.s)
+        A = np.kron(eye, M[at]) + np.kron(h * m.A, C[at]) + np.kron(h * h * m.A2, K[at])
+        S = saddle_matrix(A, np.asarray(np.kron(eye, J[:, p.free]), dtype=np.float64))
         if not np.isfinite(S).all():
             raise StepFailed
         self.tangents += 1
@@ -229,7 +226,8 @@ class PlainRadau:
     def correct(self, r: Array, c: Array) -> tuple[Array, Array]:
         """da (s, nv) and dlam (s, rows)."""
         free, da = self.problem.free, np.zeros_like(r)
-        x = np.linalg.solve(self._S, -np.concatenate([r[:, free].ravel(), c.ravel()]))
+        gap = self.method.A2_inverse @ c / self._h**2
+        x = np.linalg.solve(self._S, -np.concatenate([r[:, free].ravel(), gap.ravel()]))
         da[:, free] = x[: self.method.s * len(free)].reshape(-1, len(free))
         return da, x[self.method.s * len(free) :].reshape(c.shape)
 

@@ -40,8 +40,7 @@ def test_the_steps_of_a_run_halved_have_its_states(strip):
 def test_a_step_that_newton_does_not_solve_is_taken_in_pieces(strip, monkeypatch):
     robot, steps = strip
     expected = steps.run(robot, steps.grid, halved=False).frame("tip").position
-    few = replace(march._GIVEN, iterations=2)  # most steps take three
-    monkeypatch.setattr(march, "_GIVEN", few)
+    monkeypatch.setattr(march, "_PATIENT", 2)  # most steps take three
     found = steps.run(robot, steps.grid, halved=False)
     if kernel().functions is not None:
         assert found.meta["cost"]["rejected"] > 0

@@ -19,8 +19,6 @@ import pytest
 
 import pinflex as pf
 from pinflex.errors import PinflexError, RunInterrupted
-from pinflex.integrators.collocation import implicit_euler
-from pinflex.integrators.compiled import Stages
 from pinflex.integrators.equal_steps import CompiledAlpha
 from pinflex.integrators.problem import Run
 from pinflex.kernel.library import kernel
@@ -143,6 +141,3 @@ def test_sizes_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     for first, count in ((0, 3), (199, 3), (1, -1)):
         with pytest.raises(PinflexError, match=f"{count} steps from {first}"):
             plain(made[0], first, count)
-    stages = Stages(made[0]._march.problem, implicit_euler())
-    with pytest.raises(PinflexError, match="an array of"):
-        CompiledAlpha(made[0]._march, stages, [np.zeros((3, 1))] * 7, 0)

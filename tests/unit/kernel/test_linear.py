@@ -17,7 +17,6 @@ from pinflex.arrays import Array
 from pinflex.errors import PinflexError
 from pinflex.integrators.chebyshev import Interpolation, PiecewiseChebyshev, varying
 from pinflex.integrators.collocation import generalized_alpha, newmark
-from pinflex.kernel.evaluate import LinearKernel
 from pinflex.kernel.library import kernel
 from pinflex.levels import ked
 from pinflex.levels.ked import LinearMarch, Workspace
@@ -129,27 +128,6 @@ def test_coordinates_without_mass_and_stiffness_fall_back_on_least_squares(monke
     found = march(load, np.zeros(5))
     assert_same(found, without_kernel(monkeypatch, march, load, np.zeros(5)))
     assert np.all(np.isfinite(found.d)) and not np.any(found.d[:, 4])
-
-
-@needs_kernel
-def test_arrays_of_other_shapes_are_refused():
-    one = np.eye(2)
-    constant = {**dict.fromkeys("SCK", one), "J": np.zeros((0, 2))}
-    varies = np.zeros((2, 2), bool), np.zeros((0, 2), bool)
-    settings = {"h": 0.1, "mass_factor": 1.0, "beta": 0.25, "gamma": 0.5}
-    kernel = LinearKernel(constant, varies, settings, 3, kept=True)
-    value, steps = np.zeros((3, 0)), np.zeros(4, dtype=np.intp)
-    found = tuple(np.zeros((4, width)) for width in (2, 2, 2, 0))
-    with pytest.raises(PinflexError, match="no room"):
-        kernel.march(steps, value, np.zeros((4, 2)), found)
-    with pytest.raises(PinflexError, match="an array of"):
-        kernel.use(np.zeros(11))
-    kernel.use(np.zeros(12))
-    assert kernel.march(steps, value, np.zeros((4, 2)), found) == 4
-    with pytest.raises(PinflexError, match="an array of"):
-        kernel.march(steps, value, np.zeros((4, 3)), found)
-    with pytest.raises(PinflexError, match="not given"):
-        kernel.march(steps + 3, value, np.zeros((4, 2)), found)
 
 
 @needs_kernel

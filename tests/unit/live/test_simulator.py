@@ -118,7 +118,7 @@ def test_no_step_bears_a_whole_tangent() -> None:
     live = pf.Simulator("delta", dt=5e-4)
     path = _on_and_on(live.mechanism, live.dt)
     live.reset(motion=default_motion(live.mechanism))
-    at, made = live._at.kernel.at, []
+    at, made = live._at.march.at, []
     for move in np.moveaxis(path, 1, 0)[:1200]:
         ready, before = at.ready, at.refreshed
         live.step(motion=tuple(move))
