@@ -54,7 +54,7 @@ def marched(
     march, now, steps = PlainRadau(problem, radau(stages)), problem.first(0.0, y, v), list[Step]()
     for _ in range(round(until / h)):
         steps.append(march.step(now, h))
-        now = march.end(steps[-1])
+        now = steps[-1].end
     return march, steps, now
 
 

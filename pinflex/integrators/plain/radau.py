@@ -42,12 +42,13 @@ class Step:
     """A step from a state: its length in s, and its stages, shape (s, .) each.
 
     Attributes:
-        start: State before it. h: Length [s]. turn: u - v. power: Of motors and damping [W].
+        start, end: States before and after it. h: Length [s]. turn: u - v. power: Of motors and
+            damping [W].
     """
 
     start: State
+    end: State
     h: float
-    move: Array
     turn: Array
     a: Array
     lam: Array
@@ -90,7 +91,7 @@ class PlainRadau:
         for half in (start.t + 0.5 * h, end):
             for step in self.steps(start, half, halvings - 1):
                 yield step
-                start = self.end(step)
+                start = step.end
             start.t = half
 
     def step(self, start: State, h: float) -> Step:
@@ -136,7 +137,7 @@ class PlainRadau:
         turn: Array,
     ) -> Step:  # fmt: skip
         """The step of stages that Newton has solved."""
-        y, v, move, turn = self.place(start, h, path, a, turn)
+        y, v, _, turn = self.place(start, h, path, a, turn)
         p = self.problem
         if p.prescribed:
             torque = self.residual(y, v, a, lam, path, seen)[0][:, p.motors]
@@ -146,7 +147,8 @@ class PlainRadau:
         if p.control_force is not None:
             work = work + v @ p.control_force
         power = np.column_stack([work, self._d.losses(y, v)])
-        return Step(start, h, move, turn, a, lam, torque, power)
+        end = State(start.t + h, y[-1], v[-1], a[-1], lam[-1], torque[-1])
+        return Step(start, end, h, turn, a, lam, torque, power)
 
     def begin_at_stages(self, step: Step) -> None:
         """Let what jumps where a step starts be what the polynomials of its stages are there."""
@@ -154,20 +156,10 @@ class PlainRadau:
         for name in ("a", "lam", "torque"):
             setattr(step.start, name, W @ getattr(step, name))
 
-    def end(self, step: Step) -> State:
-        """The state after a step."""
-        t, p = step.start.t + step.h, self.problem
-        path = p.path_inside(np.array([t]))
-        y, v, *_ = self._read(step, np.ones(1), path)
-        return State(t, y[0], v[0], step.a[-1], step.lam[-1], step.torque[-1])
-
     def dense(self, step: Step, t: Array) -> tuple[Array, ...]:
         """y, v, a, lam, torque and work since the start of a step at times t (k,) s inside it."""
-        return self._read(step, (t - step.start.t) / step.h, self.problem.path(t))
-
-    def _read(self, step: Step, x: Array, path: MotorPath) -> tuple[Array, ...]:
-        """The same at places x of the step, 0 to 1, where the motors are on a path."""
-        start, h, p = step.start, step.h, self.problem
+        start, h, p, path = step.start, step.h, self.problem, self.problem.path(t)
+        x = (t - start.t) / h
         B1, B2, W = self.method.between(x)
         v = start.v + h * B1 @ step.a
         move = h * np.outer(x, start.v) + h * h * B2 @ step.a + h * B1 @ step.turn
@@ -269,7 +261,7 @@ def integrate(
             for step in march.steps(now, end, _HALVINGS):
                 if jumped:
                     march.begin_at_stages(step)
-                now, done, jumped = march.end(step), done + 1, False
+                now, done, jumped = step.end, done + 1, False
                 upto = int(np.searchsorted(t, now.t + close, side="right"))
                 *states, worked = march.dense(step, t[count:upto])
                 for column, values in zip(found, (*states, work + worked), strict=True):
