@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from inversion.test_command import five_bar
+from inversion.test_command_bars import five_bar
 
 import pinflex as pf
 from pinflex.inversion.verify import followed
