@@ -5,18 +5,21 @@ from __future__ import annotations
 import re
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import scenes
 from inversion.test_command import nonic_motion
-from inversion.test_command_bars import off_path, two_links
+from inversion.test_command_bars import five_bar, off_path, two_links
 
 import pinflex as pf
+from pinflex.inversion import on_grid
+from pinflex.inversion.on_grid import Poles
 
 
 def test_links_that_swing_too_far_beside_the_path_say_where_none_is_held(tmp_path: Path) -> None:
-    with pytest.raises(pf.ConvergenceError, match=r"1 coordinate \(z\) for 2 motors"):
+    with pytest.raises(pf.ConvergenceError, match="held: z, by 2 motors; in what is not named"):
         pf.command(two_links(tmp_path), nonic_motion(0.1, x=-0.2, z=0.3), coordinates=["z"])
 
 
@@ -45,9 +48,14 @@ def test_a_crane_whose_inversion_does_not_settle_hears_what_does(tmp_path: Path)
         body("hook", "load", xyz=(0, 0, -2.5)),
     ], BOOM, inertia="urdf")  # fmt: skip
     motion = pf.nonic(joints={"post_joint": 0.4}, duration=6.0)
-    with pytest.raises(pf.ConvergenceError, match="take level quasistatic, which tells"):
+    said = r"Take level quasistatic, which misses (\S+) m of (\w), the rigid one (\S+), or slow"
+    with pytest.raises(pf.ConvergenceError, match=said) as refused:
         pf.command(robot, motion)
+    told = re.search(said, str(refused.value))
     found = pf.command(robot, motion, "quasistatic")
+    assert told is not None
+    k = found.coordinates.index(told[2])
+    assert found.error[k] == pytest.approx(float(told[1]), rel=0.05)  # two digits, another grid
     off, rigid = (
         off_path(robot, motion, x, 0.0)
         for x in (found, pf.command(robot, motion, "rigid", before=found.before, after=found.after))
@@ -55,6 +63,44 @@ def test_a_crane_whose_inversion_does_not_settle_hears_what_does(tmp_path: Path)
     # 1 %: the bar is of a forward run that looks at other instants
     assert np.all(off < 1.01 * found.error) and np.all(off > 0.5 * found.error)
     assert np.max(off) < 0.01 * np.max(rigid)  # 0.4 mm of 250
+
+
+def test_a_swing_that_grows_slowly_is_met_on_a_coarse_grid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.6 in 1 s at 20 rad/s is not held by 0.6 s of rest ahead; damped, or with 40 s, none is.
+
+    An inversion that does not settle then costs instants by that swing, not by the fastest mode.
+    """
+    grows, fades = np.array([0.6 + 20j, 0.6 - 20j]), np.array([-0.6 + 20j, -0.6 - 20j])
+    assert Poles(grows, grows).swing_from(0.6) == pytest.approx(abs(grows[0]), rel=1e-15)
+    assert Poles(grows, grows).swing_from(40.0) == Poles(fades, grows).swing_from(0.6) == 0.0
+    robot, quick = two_links(tmp_path), nonic_motion(0.1, x=-0.2, z=0.3)
+    seen = []
+    for rate in (0.0, 150.0):
+        monkeypatch.setattr(Poles, "swing_from", lambda *_, rate=rate: rate)
+        with pytest.raises(pf.ConvergenceError, match=r"over \d+ instants") as refused:
+            pf.command(robot, quick, coordinates=["z"])
+        seen.append(int(str(refused.value).split("over ")[1].split()[0]))
+    assert seen[1] < 0.5 * seen[0]
+
+
+def test_a_finer_grid_that_does_not_settle_leaves_the_coarser_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rotor of 20 m did so; its coarse command is right to 1e-6 rad."""
+    robot, motion = five_bar(tmp_path), pf.cycloid(joints={"cl_joint": 0.5}, duration=0.2)
+    tried, first = [], on_grid.invert
+
+    def once(*given: Any) -> Any:
+        tried.append(len(given[1].y))
+        if len(tried) > 1:
+            raise pf.ConvergenceError("finer: no")
+        return first(*given)
+
+    monkeypatch.setattr(on_grid, "invert", once)
+    found = pf.command(robot, motion)
+    assert len(tried) == 2 and len(found.t) < tried[0] < tried[1]
 
 
 def test_what_cannot_be_commanded_is_refused_by_name(planar: pf.Mechanism) -> None:
