@@ -287,7 +287,7 @@ altered("pinflex.mechanics.model.relevance", "links[number].placement.rotation @
 altered("pinflex.description.robots.sdf", "[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]",
         "[[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]]")
 """,
-        ["tests/unit/description/test_formats.py"],
+        ["tests/unit/description/test_sdf.py"],
     ),
     "kernel: friction gives what it takes": (
         """

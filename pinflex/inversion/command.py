@@ -21,7 +21,14 @@ from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, MotionError, nearest
 from pinflex.integrators.problem import Run
 from pinflex.inversion.exact import EIGHTH, padded, rates, spline
-from pinflex.inversion.on_grid import Answer, Poles, instants_over, internal_poles, on_grid
+from pinflex.inversion.on_grid import (
+    RESOLVED,
+    Answer,
+    Poles,
+    instants_over,
+    internal_poles,
+    on_grid,
+)
 from pinflex.inversion.target import (
     Balanced,
     Instant,
@@ -46,6 +53,7 @@ _INSTANTS = 150  # in the time of the motion
 _LEAST, _MOST = 120, 4000  # instants in all
 _FEWEST = 30  # that are asked for: differences of eighth order take nine
 _NO_BETTER = 0.5  # of the last error: an order of four and more leaves 0.15, round-off more
+_STEPS = 12  # of a swing that grows, on the grid that tells whether an inversion settles
 _REFINED = 1.6  # instants of a finer grid over those of the last
 _MOTOR_SIDE = ("motor_position", "motor_speed", "motor_torque")
 _POOR = 1e-2  # of what the rigid command misses: a bar that is worth a second grid
@@ -309,13 +317,15 @@ def command(
                        before=before, after=after, instants=instants, limited=False)  # fmt: skip
 
     best, answer = np.inf, None
+    if poles is not None and level == "exact" and (swing := poles.swing_from(ahead)):
+        few = int(span * swing / (2.0 * np.pi) * _STEPS)
+        answer = on(few, None)[1] if _FEWEST < few < n // 2 else None  # refused early, if at all
     while True:
         found, answer, _ = on(n, answer)
         by_grid = found.error - found.cut_off
-        missed = float(np.max(by_grid / np.maximum(answer.missed, 1e-300)))
+        missed = float(np.max(by_grid / np.maximum(answer.missed, RESOLVED)))
         if tol is None and missed > _POOR and level == "exact":
-            finer, _, gain = on(int(_REFINED * n), answer)
-            found = _held_against(found, finer, gain)
+            found = _refined(found, on, int(_REFINED * n), answer)
         if tol is None or missed <= tol:
             break
         if missed > _NO_BETTER * best or n >= _MOST:  # the last grid said so at 1.6 times the cost
@@ -429,6 +439,15 @@ def _on_grid(
         look=partial(platform_bar, mechanism, wanted.names),
     )
     return found, answer, wanted.gain[kept]
+
+
+def _refined(coarse: Command, on: Callable[..., Any], n: int, answer: Answer) -> Command:
+    """A command on a finer grid of n instants; the coarser one where that does not settle."""
+    try:
+        finer, _, gain = on(n, answer)
+    except ConvergenceError:
+        return coarse
+    return _held_against(coarse, finer, gain)
 
 
 def _held_against(coarse: Command, finer: Command, gain: Array) -> Command:

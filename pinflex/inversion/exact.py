@@ -140,6 +140,7 @@ _SMALL = 1.0  # weight of rigid coordinates, free beyond the end alone, over the
 _DONE = 1e-10  # m or rad: the correction that would be next is round-off
 _STALLED = 1e-7  # m or rad: corrections that no longer shrink from here on are round-off
 _ASTRAY = 100.0  # m or rad: a first correction of 10 may still settle
+_GROWING = 1.0  # m or rad: one that has grown twice in a row does not
 _DEFERRED = 2  # corrections by differences of order 8: the first gains two orders, so the second
 _MOST = 20
 _BENT = 1e-4  # m or rad: the last correction, below which rows turn too little to matter
@@ -176,31 +177,21 @@ def invert(instant: Instant, reference: Balanced, start: Balanced | None = None)
             for the mechanism.
     """
     inversion, new = _Inversion(instant, reference, start or reference), True
-    before = size = np.inf
+    earlier = before = size = np.inf
     for iteration in range(1, _MOST + 1):
         size = inversion.correct(new, before)
         if _settled(size, before):
-            fourth = inversion.motors()
+            fourth = instant.axes.read(inversion.y[_PAD:-_PAD])
             inversion.refine()
-            return Inverted(inversion.balanced(), inversion.motors() - fourth, iteration + 1)
-        if not size < _ASTRAY:
+            found = inversion.balanced()
+            return Inverted(found, instant.axes.behind(fourth, found.y), iteration + 1)
+        if not size < (_GROWING if size > before > earlier else _ASTRAY):
             break
-        new, before = size > _SLOW * before, size
-    h, held = instant.target.t[1] - instant.target.t[0], instant.target.names
-    nm = len(instant.axes.v_at)
-    why = (
-        "Slow the motion down, or take level quasistatic, which tells what it misses; more "
-        "`instants` help where the motion is fast for them."
-    )
-    if len(held) < nm:
-        why = (
-            f"{len(held)} coordinate ({', '.join(held)}) for {nm} motors: in what is not named the "
-            "links swing freely about the rigid motion, here too far. Name as many "
-            "coordinates as there are motors, or slow the motion down."
-        )
+        new, earlier, before = size > _SLOW * before, before, size
+    h = instant.target.t[1] - instant.target.t[0]
     raise ConvergenceError(
         f"command: the inversion over {len(reference.y)} instants of {h:.3g} s does not settle "
-        f"(last change {size:.2g}). {why}"
+        f"(last change {size:.2g})."
     )
 
 
@@ -267,10 +258,6 @@ class _Inversion:
             if size > before:
                 self.y, self.lam, self._mu = y, lam, mu
                 break
-
-    def motors(self) -> Array:
-        """Motor positions, shape (nt, nm)."""
-        return self.instant.axes.read(self.y[_PAD:-_PAD])
 
     def balanced(self) -> Balanced:
         """Poses, multipliers and torques at the nodes."""

@@ -232,7 +232,8 @@ def _nodes(v: Array) -> IntArray:
 # Source: Seifried (2014), ch. 6 (quasi-static approximation), taken further by iteration.
 
 _PASSES = 8
-_ENOUGH = 1e-9  # m or rad: a smaller error is below what the differences resolve
+_WORTH = 0.5  # of what the rigid command misses, below which the series is advised
+RESOLVED = 1e-9  # m or rad: a smaller error is below what the differences resolve
 
 
 @dataclass(frozen=True)
@@ -240,14 +241,12 @@ class Grid:
     """What is known on one grid, to begin with on a finer one.
 
     Attributes:
-        slow, found: The quasistatic motion and the exact one.
-        missed: By how much the rigid command misses the platform's coordinates, shape (k,).
+        slow, found: The quasistatic answer and the exact motion.
     """
 
     instant: Instant
-    slow: Balanced
+    slow: Answer
     found: Balanced
-    missed: Array
 
     def carried(self, motion: Balanced, finer: Instant) -> Balanced:
         """A motion at the instants of a finer grid: how far it is from the rigid one is smooth."""
@@ -307,7 +306,7 @@ def series(instant: Instant, kept: slice = slice(None)) -> Answer:
         size = float(np.max(np.abs(by_platform) @ error))  # in the motors' units: one for all
         if size < smallest:
             best, bar = last, error
-        if not _ENOUGH < size < smallest:
+        if not RESOLVED < size < smallest:
             break
         smallest = size
         v, a = rates(instant.dynamics, padded(last.y, EIGHTH.reach), h, EIGHTH)
@@ -315,10 +314,10 @@ def series(instant: Instant, kept: slice = slice(None)) -> Answer:
             following = balanced(instant, last, v, a)
         except ConvergenceError:
             break
-        moved = instant.axes.read(following.y) - instant.axes.read(last.y)
+        moved = instant.axes.behind(instant.axes.read(following.y), last.y)
         changes.append(float(np.max(np.abs(moved))))
         last = following
-    apart = instant.axes.read(best.y) - instant.target.motors
+    apart = instant.axes.behind(instant.target.motors, best.y)
     missed = _at_platform(instant.target.gain[kept], apart[kept])
     return Answer(best, bar, missed, changes=tuple(changes))
 
@@ -329,8 +328,10 @@ def on_grid(
     """Find the motor motion at every instant, level exact from what a coarser grid has, if any."""
     wanted = instant.target
     if coarser is not None and level == "exact":
-        reference, start = (coarser.carried(x, instant) for x in (coarser.slow, coarser.found))
-        return _exact(instant, motion, reference, start, coarser.missed, kept)
+        reference, start = (
+            coarser.carried(x, instant) for x in (coarser.slow.found, coarser.found)
+        )
+        return _exact(instant, motion, replace(coarser.slow, found=reference), start, kept)
     slow = series(instant, kept)
     if level == "quasistatic":
         return slow
@@ -338,25 +339,42 @@ def on_grid(
         law = delayed(motion, wanted.before)
         torque = solve_rigid(instant.mechanism, law, wanted.t).torque
         return Answer(replace(rigid_guess(instant)[0], torque=torque), slow.missed, slow.missed)
-    return _exact(instant, motion, slow.found, slow.found, slow.missed, kept)
+    return _exact(instant, motion, slow, slow.found, kept)
 
 
-def _exact(
-    instant: Instant, motion: Motion, slow: Balanced, start: Balanced, missed: Array, kept: slice
-) -> Answer:
+def _exact(instant: Instant, motion: Motion, slow: Answer, start: Balanced, kept: slice) -> Answer:
     """Stable inversion, or its closed form where gears alone give way."""
     wanted = instant.target
-    gain, t = wanted.gain[kept], wanted.t
+    gain, t, missed = wanted.gain[kept], wanted.t, slow.missed
     smooth = flat(instant.mechanism, motion, wanted)
     if smooth is None:
-        exact = invert(instant, slow, start)
+        try:
+            exact = invert(instant, slow.found, start)
+        except ConvergenceError as open_end:
+            raise ConvergenceError(f"{open_end} {_instead(wanted, slow)}") from None
         error, count = _at_platform(gain, exact.error[kept]), exact.iterations
-        swing = swing_after(instant, exact.found, slow, len(gain))
-        grid = Grid(instant, slow, exact.found, missed)
+        swing = swing_after(instant, exact.found, slow.found, len(gain))
+        grid = Grid(instant, slow, exact.found)
         return Answer(exact.found, error, missed, iterations=count, swing=swing, grid=grid)
     found = Balanced(smooth.poses(t), np.zeros((len(t), instant.rows)), smooth.torque(t))
     error = _at_platform(gain, np.tile(smooth.error, (len(gain), 1)))
     return Answer(found, error, missed, curve=smooth.position)
+
+
+def _instead(wanted: Target, slow: Answer) -> str:
+    """What to do where an inversion does not settle, by what the series has at the worst."""
+    k = int(np.argmax(slow.error / np.maximum(slow.missed, RESOLVED)))
+    unit = "rad" if wanted.names[k].startswith("r") else "m"
+    more, motors, names = "", wanted.motors.shape[1], ", ".join(wanted.names)
+    if len(wanted.names) < motors:
+        more = (
+            f"Coordinates held: {names}, by {motors} motors; in what is not named the links swing "
+            "freely about the rigid motion, here too far. Name more where motors can move them. "
+        )
+    misses = f"{slow.error[k]:.2g} {unit} of {wanted.names[k]}, the rigid one {slow.missed[k]:.2g}"
+    if slow.error[k] < _WORTH * slow.missed[k]:
+        return f"{more}Take level quasistatic, which misses {misses}, or slow the motion down."
+    return f"{more}Slow the motion down: so fast level quasistatic misses {misses}."
 
 
 def _at_platform(gain: Array, moves: Array) -> Array:
@@ -372,6 +390,7 @@ def _at_platform(gain: Array, moves: Array) -> Array:
 # Source: Devasia, Chen, Paden (1996); Isidori (1995), Nonlinear Control Systems.
 
 _FORGOTTEN = 1e-7  # share of a pre-actuation that is cut off
+_GROWS = 1e-3  # of its rate: what grows slower is round-off, or gone with a little damping
 _MASSLESS = 1e-9  # a rate so far above the fastest one of the stiffness is that of no mass
 _PERIODS = 1.0  # of the slowest vibration, after and before a motion
 _POSES = 51  # along a motion: near enough for its branch to be kept
@@ -399,6 +418,14 @@ class Poles:
         slowest = [float(np.abs(x[0])) for x in (self.first, self.last) if len(x)]
         period = _PERIODS * 2.0 * np.pi / min(slowest) if slowest else 0.0
         return max(period, self.ahead), max(period, _lasting(-self.last))
+
+    def swing_from(self, before: float) -> float:
+        """Rate [rad/s] of the fastest swing that grows so slowly that it is not held by a rest of
+        `before` [s]: it grows on with all that drives it. 0 for none.
+        """
+        growth = self.first.real
+        some = (growth > _GROWS * np.abs(self.first)) & (growth * before < -np.log(_FORGOTTEN))
+        return float(np.max(np.abs(self.first[some]), initial=0.0))
 
     def cut_off(self, before: float) -> float:
         """Share of what motors do ahead of a motion that a rest of `before` [s] has no room for."""

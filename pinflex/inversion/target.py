@@ -262,7 +262,7 @@ class Instant:
         r, c = d.residual(y, v, a, lam, target.t[at])
         here = self.platform.of(d, y)
         error = self.platform.error(here, target.position[at])
-        idle = target.idle[at] @ (self.axes.read(y) - target.motors[at])[:, :, None]
+        idle = -target.idle[at] @ self.axes.behind(target.motors[at], y)[:, :, None]
         held = np.zeros((len(y), len(self.system.held)))  # never moved: nothing is ever open there
         rows = np.concatenate([r[:, self.free], c, error, idle[:, :, 0], held], axis=1)
         return rows, r[:, self.system.motors]

@@ -18,6 +18,7 @@ from pinflex.inversion.target import delayed
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.results.result import Result, peak
 from pinflex.results.views import Deviation
+from pinflex.rotations import zyx_angles
 
 _SAMPLES = 401
 _TOL = 1e-4  # of time integration, relative to the largest deflection
@@ -34,6 +35,7 @@ class Followed:
             over as long again as that rest: what still rings then is off the path.
         swing: Largest peak-to-peak motion along an axis in the rest after it [m].
         off_path: From the path, in the coordinates that the command imposes; zero in the others.
+            Its rotation is of the angles rx ry rz, of which a command may impose one.
         run: The coupled run. ideal: The rigid mechanism on the path.
     """
 
@@ -63,9 +65,12 @@ def followed(mechanism: Mechanism, motion: Motion, found: Command, tol: float = 
     )  # fmt: skip
     path = delayed(motion, found.before)
     ideal = solve(mechanism, path, level="rigid", samples=_SAMPLES, until=until)
-    away = run.deviation_from(ideal, frame)
+    here, there = (x.frame(frame) for x in (run, ideal))
+    turned = zyx_angles(here.rotation) - zyx_angles(there.rotation)  # what is imposed: no vector
+    turned = ((turned + np.pi) % (2.0 * np.pi) - np.pi)[:, ::-1]
     imposed = np.array([name in found.coordinates for name in ("x", "y", "z", "rx", "ry", "rz")])
-    off = Deviation(run.t, away.position * imposed[:3], away.rotation * imposed[3:])
+    away = here.position - there.position
+    off = Deviation(run.t, away * imposed[:3], turned * imposed[3:])
     moving, stopped = run.t <= end - found.after, run.t > end
     after = ~moving & ~stopped
     swing = np.ptp(off.position[after], axis=0) if np.any(after) else np.zeros(0)

@@ -24,7 +24,7 @@ from pinflex.levels.ringing import ringing
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.fastest import Fastest
 from pinflex.quickest.limits import RigidPath, slowness
-from pinflex.quickest.response import settled
+from pinflex.quickest.response import rest_of, settled
 from pinflex.quickest.search import motors_of
 from pinflex.results.result import Result
 
@@ -138,7 +138,6 @@ def _row(
 
     `followed`: what runs is the motors' motion with which the platform follows it.
     """
-    from pinflex.quickest.fastest import rest_of
 
     def rest(model: Mechanism) -> np.ndarray:  # a command ends elsewhere: links give way at rest
         t = np.linspace(0.0, motion.duration, _PLACES)

@@ -14,10 +14,7 @@ from pinflex.description.motions.motion import Motion, quintic
 from pinflex.doors import door
 from pinflex.errors import ConvergenceError, DescriptionError, nearest
 from pinflex.levels.modes import modes
-from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.levels.ringing import ringing
-from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import frame_pose
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.mechanics.model.loads import require_staying
 from pinflex.quickest.curves import curves_of, reduced
@@ -33,7 +30,7 @@ from pinflex.quickest.limits import (
     with_jerk,
 )
 from pinflex.quickest.programme import places
-from pinflex.quickest.response import Grid, Settled, Strains, settled
+from pinflex.quickest.response import Grid, Settled, Strains, rest_of, settled
 from pinflex.quickest.robustness import Off, corners, robustness, variant
 from pinflex.quickest.search import (
     DEAR,
@@ -240,7 +237,7 @@ def fastest(
             )
 
     found, search = _searched(task, first, bound.duration, grid, close, tell)
-    found, seen = _closed(task, found, search, period)
+    found, seen = _closed(task, found, search, period, close)
     made = _told(task, found, models, bound.duration, steps, seen)
     _require_kept(task, made)
     return made
@@ -344,14 +341,6 @@ def _strains(mechanism: Mechanism, limits: Limits, along: RigidPath) -> Strains:
     return found
 
 
-def rest_of(mechanism: Mechanism, pose: Array) -> Array:
-    """Where the platform rests when the rigid robot would at a pose, shape (3,)."""
-    found = static_equilibrium(mechanism, pose)
-    frame = mechanism.frame(str(mechanism.description.platform))
-    dynamics = Equations(mechanism.flexible)
-    return np.array(frame_pose(dynamics, found.y, frame).translation)
-
-
 def _grid(task: Task, bound: Profile, n: int) -> tuple[Grid, float]:
     """Instants of the search, and the longest period at the end [s]."""
     model = task.models[0]
@@ -438,10 +427,13 @@ def _refined(search: Search, found: Look, close: float) -> tuple[Look, Search]:
     return found, search
 
 
-def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Look, list[Settled]]:
+def _closed(
+    task: Task, found: Look, search: Search, period: float, close: float
+) -> tuple[Look, list[Settled]]:
     """The motion whose runs by a tolerance keep limits and band, and these runs of all models.
 
-    They know nothing of how the motion was found. The nominal robot's show limits.
+    They know nothing of how the motion was found. The nominal robot's show limits. Where they show
+    modes that the search's equal steps do not resolve, it goes on in shorter ones.
     """
 
     def verified(one: Look, k: int) -> Settled:
@@ -455,11 +447,25 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
     def shaking(*every: Settled) -> float:
         return 0.0 if task.box is not None else max(x.residual for x in every) / task.band
 
-    ways = [(found, [verified(found, 0)])]
+    def used(one: Look, seen: Settled) -> dict[str, float]:
+        return _active(task, one.profile, seen.run)[1]
+
+    def beyond(one: Look, seen: Settled) -> float:
+        return max(used(one, seen).values(), default=0.0) - 1.0
+
+    seen = verified(found, 0)
+    while (missed := beyond(found, seen)) > _BROKEN and search.grid.each < 2 * _EACH[1]:
+        parts = min(int(np.ceil((missed / found.over) ** 0.5)), _PARTS)  # an error of second order
+        finer = replace(search, grid=search.grid.finer(parts), radius=RESTART, nearby=[])
+        closer = finer.go(found.profile, _STEPS, close)
+        if not closer.kept:
+            break
+        search, found, seen = finer, closer, verified(closer, 0)
+    ways = [(found, [seen])]
     for _ in range(_PASSES):
         last, every = ways[-1]
-        shares, shakes = _active(task, last.profile, every[0].run)[1], shaking(*every)
-        most = max(shares.values(), default=0.0)
+        shares, shakes = used(last, every[0]), shaking(*every)
+        most = 1.0 + beyond(last, every[0])
         if most <= 1.0 + _SHOWN and shakes <= 1.0:
             every += [verified(last, k) for k in range(1, len(task.models))]
             shakes = shaking(*every)
@@ -473,8 +479,8 @@ def _closed(task: Task, found: Look, search: Search, period: float) -> tuple[Loo
         search = replace(search, task=drawn_in, radius=_NEARBY, push=DEAR, any_kept=True)
         closer = search.go(last.profile, _CLOSER, 0.0, last.runs)
         again = verified(closer, 0)
-        pushes = max(_active(task, closer.profile, again.run)[1].values(), default=0.0)
-        if (shakes <= 1.0 and pushes > most) or shaking(again) > max(shakes, 1.0):
+        worse = shakes <= 1.0 and 1.0 + beyond(closer, again) > most
+        if worse or shaking(again) > max(shakes, 1.0):
             break  # the band first, limits in the next pass
         ways.append((closer, [again]))
     for found, every in reversed(ways):

@@ -30,7 +30,7 @@ from pinflex.kernel.evaluate import Tangent
 from pinflex.levels.quasistatic import static_equilibrium
 from pinflex.linalg import lapack, saddle_matrix
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_poses
+from pinflex.mechanics.evaluation.frames import Frame, frame_jacobian, frame_pose, frame_poses
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.quickest.limits import Limits, Profile, RigidPath, basis
@@ -81,6 +81,10 @@ class Grid:
     def until(self) -> float:
         """End of such a run, of T."""
         return (self.moving + self.after) * self.step
+
+    def finer(self, parts: int) -> Grid:
+        """With each step cut into so many parts."""
+        return Grid(self.n, parts * self.each, parts * self.after)
 
 
 class Response(NamedTuple):
@@ -349,6 +353,14 @@ def worst_stress(mechanism: Mechanism, run: Run) -> dict[str, Array]:
         mesh = meshes.get(f"link/{link}/mesh/von_mises")
         found[link] = worst if mesh is None else np.maximum(worst, mesh.max(axis=1))
     return found
+
+
+def rest_of(mechanism: Mechanism, pose: Array) -> Array:
+    """Where the platform rests when the rigid robot would at a pose, shape (3,)."""
+    found = static_equilibrium(mechanism, pose)
+    frame = mechanism.frame(str(mechanism.description.platform))
+    dynamics = Equations(mechanism.flexible)
+    return np.array(frame_pose(dynamics, found.y, frame).translation)
 
 
 def platform_of(mechanism: Mechanism, run: Result) -> Array:

@@ -23,7 +23,8 @@ import pinflex as pf
 from pinflex.__main__ import main
 from pinflex.description.description import json_schema
 from pinflex.description.reading import yaml_text
-from tests.unit.description.test_formats import BARS, INERTIA, gepetto
+from tests.unit.description.test_formats import INERTIA, gepetto
+from tests.unit.description.test_mjcf import BARS
 
 POINT = "closed_loop: [[tip_A, tip_B]]\ntype: [3d]\nname_mot: [motor]\n"
 
