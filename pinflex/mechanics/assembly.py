@@ -11,7 +11,8 @@ import numpy as np
 from pinflex import linalg
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import SingularityError
-from pinflex.mechanics.closure import Closures, size_of, translations
+from pinflex.mechanics.closure import Closures, size_of
+from pinflex.mechanics.manifold import translations
 from pinflex.text import frozen
 
 if TYPE_CHECKING:

@@ -25,8 +25,9 @@ from pinflex.errors import AssemblyError
 from pinflex.linalg import independent_rows
 from pinflex.mechanics import assembly
 from pinflex.mechanics.assembly import CLOSED, RANK, close_loops
-from pinflex.mechanics.closure import Closures, LogClosure, size_of, translations
+from pinflex.mechanics.closure import Closures, LogClosure, size_of
 from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.mechanics.manifold import translations
 from pinflex.rotations import axis_frame
 from pinflex.text import frozen
 

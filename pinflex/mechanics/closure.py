@@ -474,17 +474,3 @@ def size_of(dynamics: Equations, y: Array) -> float:
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     largest = float(np.max(apart, initial=0.0))
     return largest if largest > LENGTHS else 1.0
-
-
-def translations(model: pin.Model) -> Array:
-    """1 for the velocity rows that are speeds, 0 for those that are rates of turn, shape (nv,)."""
-    found = np.zeros(int(model.nv))
-    for joint in model.joints[1:]:
-        kind = joint.shortname().removeprefix("JointModel")
-        if kind.startswith("P") and kind != "Planar":
-            found[joint.idx_v] = 1.0
-        elif kind == "Planar":
-            found[joint.idx_v : joint.idx_v + 2] = 1.0
-        elif kind in ("FreeFlyer", "Translation"):
-            found[joint.idx_v : joint.idx_v + 3] = 1.0
-    return found

@@ -1,4 +1,4 @@
-"""Many poses moved at once, and the rates of their exponential coordinates."""
+"""How joints move: their axes and rows, many poses moved at once, exponential coordinates."""
 
 from __future__ import annotations
 
@@ -49,6 +49,29 @@ def support(model: pin.Model, joint: int) -> Array:
         found[rows[joint] : rows[joint] + counts[joint]] = 1.0
         joint = parents[joint]
     return found
+
+
+def twists_of(joint: pin.JointModel) -> Array:
+    """Twists [v; w] in its own axes of a joint's velocities, which no pose changes, (6, nv)."""
+    return np.asarray(joint.createData().S, dtype=float).reshape(6, -1)
+
+
+def axis_of(joint: pin.JointModel) -> Array:
+    """Direction about which a joint of one freedom turns, or along which it slides, (3,)."""
+    v, w = twists_of(joint).reshape(2, 3)
+    return w if w.any() else v
+
+
+def bounded(joint: pin.JointModel) -> pin.JointModel:
+    """The same joint with its angle for a coordinate."""
+    return joint if joint.nq == joint.nv else pin.JointModelRevoluteUnaligned(axis_of(joint))
+
+
+def translations(model: pin.Model) -> Array:
+    """1 for the velocity rows that are speeds, 0 for those that are rates of turn, shape (nv,)."""
+    every = [twists_of(joint)[3:] for joint in model.joints.tolist()[1:]]
+    size = np.abs(np.hstack([np.zeros((3, 0)), *every])).max(axis=0)
+    return np.where(size > 0.0, 0.0, 1.0)
 
 
 # p @ _TIMES gives the 4x4 matrix of a product from the left by each quaternion p.

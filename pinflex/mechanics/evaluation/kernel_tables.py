@@ -13,6 +13,7 @@ from pinflex.bodies.track import Series, Track
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
 from pinflex.mechanics.closure import Closures, Contact, CoupledRows
+from pinflex.mechanics.manifold import axis_of
 from pinflex.mechanics.model.loads import Expansion, Loads
 from pinflex.mechanics.model.strain import square_tables, strain_tables
 
@@ -249,9 +250,7 @@ def _kind(joint: Any) -> tuple[int, Sequence[float]]:
     kind = _KINDS[joint.shortname().removeprefix(_PREFIX)]
     if kind not in (REVOLUTE, CIRCLE, SLIDE):
         return kind, (0.0, 0.0, 0.0)
-    # Not every kind of joint tells its axis: its column of the Jacobian does, at every position.
-    twist = np.asarray(joint.createData().S, dtype=float).ravel()
-    return kind, (twist[:3] if kind == SLIDE else twist[3:]).tolist()
+    return kind, axis_of(joint).tolist()
 
 
 def _about(kind: tuple[int, Sequence[float]], R0: Array, p0: Array) -> int:

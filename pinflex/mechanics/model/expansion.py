@@ -26,6 +26,7 @@ import pinocchio as pin
 from pinflex.arrays import Array, IntArray
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.bodies.superelement import Superelement
+from pinflex.mechanics.manifold import bounded
 from pinflex.mechanics.model.loads import (
     Attachment,
     Block,
@@ -224,7 +225,7 @@ class _Assembler:
 
     def _gear(self, motor: int, step: JointStep) -> int:
         """The joint between motor and link, about the same axis: its coordinate is elastic."""
-        name, model = gear_name(step.name), _bounded(step.model)
+        name, model = gear_name(step.name), bounded(step.model)
         joint = int(self.model.addJoint(motor, model, pin.SE3.Identity(), name))
         self.gears.append((step.name, int(self.model.joints[joint].idx_v)))
         return joint
@@ -410,16 +411,6 @@ def expand(
     n_eta = work.n_eta + len(drives)
     slots, carried = tuple(work.slots), tuple(work.carried)
     return Expansion(model, q_at, v_at, blocks, work.frames, slots, n_eta, drives, carried)
-
-
-def _bounded(joint: pin.JointModel) -> pin.JointModel:
-    """A joint of one coordinate about the axis of a joint of one freedom."""
-    if joint.nq == 1:
-        return joint
-    alone = pin.Model()
-    alone.addJoint(0, joint, pin.SE3.Identity(), "")
-    J = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone))
-    return pin.JointModelRevoluteUnaligned(np.ravel(J)[3:])
 
 
 def of_model(model: pin.Model, links: Sequence[Link]) -> Expansion:

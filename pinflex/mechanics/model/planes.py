@@ -15,6 +15,7 @@ import pinocchio as pin
 from pinflex.arrays import Array
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import DescriptionError
+from pinflex.mechanics.manifold import axis_of, twists_of
 from pinflex.mechanics.model.tree import Link, poses_of
 from pinflex.text import frozen
 
@@ -142,19 +143,12 @@ def _point(
     return np.array(placement.translation)
 
 
-def joint_axis(link: Link) -> tuple[float, float, float] | None:
+def joint_axis(link: Link) -> Array | None:
     """Axis of the link's own joint in the link's frame, when it has just one."""
     if len(link.steps) != 1:
         return None
     joint = link.steps[0].model
-    if joint.nv != 1:
-        return None
-    data, start = joint.createData(), np.zeros(joint.nq)
-    start[:1] = joint.nq > joint.nv  # cos, sin
-    joint.calc(data, start)
-    column = np.asarray(data.S, dtype=float).ravel()
-    axis = column[3:] if np.linalg.norm(column[3:]) > 0.5 else column[:3]
-    return (float(axis[0]), float(axis[1]), float(axis[2]))
+    return axis_of(joint) if joint.nv == 1 else None
 
 
 # Beam frame in the link's frame, and length [m], by what they follow from.
@@ -238,7 +232,8 @@ class Plane:
 def plane_of(description: Description, links: Sequence[Link], spans: Spans) -> Plane:
     """The plane that a scene is a mirror image of itself in: nothing bends out of it or twists.
 
-    All joints turn about one direction, and everything that acts is in the plane across it.
+    All joints turn about one direction or slide across it, and all that acts is in the plane across
+    it.
     """
     poses = poses_of(links)
     cut = {loop.name for loop in description.loops if loop.clearance is not None}
@@ -370,23 +365,22 @@ def _loads(
 def _common_axis(
     links: Sequence[Link], poses: Sequence[pin.SE3], cut: Collection[str]
 ) -> Array | None:
-    """The axis (world) that all joints turn about in parallel, or None.
+    """The axis (world) that joints turn about in parallel, and across which they slide, or None.
 
     A hinge that is `cut`, for it has clearance, is a planar joint about its z.
     """
-    normal: Array | None = None
+    turning, sliding = list[Array](), list[Array]()
     for link, pose in zip(links, poses, strict=True):
         for step in link.steps:
-            hinge = step.model.shortname().startswith("JointModelR")
-            axis = (0.0, 0.0, 1.0) if link.joint in cut else joint_axis(link) if hinge else None
+            loose = link.joint in cut
+            axis = np.array([0.0, 0.0, 1.0]) if loose else joint_axis(link)
             if axis is None:
                 return None
-            world = pose.rotation @ np.array(axis)
-            if normal is None:
-                normal = world
-            elif np.linalg.norm(np.cross(normal, world)) > _TILT:
-                return None
-    return normal
+            slides = not loose and not twists_of(step.model)[3:].any()
+            (sliding if slides else turning).append(pose.rotation @ axis)
+    if not turning or any(np.linalg.norm(np.cross(turning[0], x)) > _TILT for x in turning):
+        return None
+    return None if any(abs(turning[0] @ x) > _TILT for x in sliding) else turning[0]
 
 
 def undecided(spec: FlexibleLink, planes: Sequence[str]) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from pinflex.bodies.beam import damping
 from pinflex.description.blocks.flexible import EndMass, FlexibleLink
 from pinflex.description.blocks.joints import JointExtra
 from pinflex.errors import DescriptionError, nearest
+from pinflex.mechanics.manifold import bounded
 from pinflex.mechanics.model.loads import Springs
 from pinflex.text import frozen
 
@@ -123,7 +124,7 @@ def link_tree(
             parent, joint = index.get(body_above, -1), carrier.name
             steps = _steps(model, carrier, extras.get(joint))
             if joint in coupled:
-                steps = tuple(replace(step, model=_angle(step.model)) for step in steps)
+                steps = tuple(replace(step, model=bounded(step.model)) for step in steps)
             placement = _placement(model, carrier, frames[body_above])
         index[number] = len(links)
         links.append(Link(frame.name, parent, joint, placement, steps, own[number]))
@@ -154,15 +155,6 @@ def _steps(model: pin.Model, carrier: pin.Frame, extra: JointExtra | None) -> tu
     if carrier.type == pin.FrameType.JOINT:
         return (JointStep(name, model.joints[carrier.parentJoint]),)
     return ()
-
-
-def _angle(joint: pin.JointModel) -> pin.JointModel:
-    """The same joint with its angle for a coordinate."""
-    if joint.nq == joint.nv:
-        return joint
-    data = joint.createData()
-    joint.calc(data, np.array([1.0, 0.0]))
-    return pin.JointModelRevoluteUnaligned(np.array(data.S).reshape(-1)[3:])
 
 
 def _own_inertias(model: pin.Model) -> dict[int, pin.Inertia]:

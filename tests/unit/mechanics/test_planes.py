@@ -11,10 +11,13 @@ Claims:
       default | closed form | 2e-5 (second order of 1 mm in 1 m); 1e-9 | passes (both were 0)
     - loads, springs, patches, added masses, start speeds: in the plane it stays plane, out of it
       not; a turned robot alike | symmetry | exact; 1e-9 m | passes
+    - a slider-crank is plane; one whose slider leaves the plane is not. Its frequencies are among
+      those of the same beams free to leave it, and torques are theirs | symmetry | 1e-9 | passes
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -193,3 +196,50 @@ def test_a_following_load_that_comes_later_pulls_along_its_frame(tmp_path: Path)
     found = shares(m.description, m.links, m.parts, m.flexible, m.home)["load f"]
     assert found["arm", "u"] == pytest.approx(1.0, rel=1e-9)
     assert max(abs(found["arm", d]) for d in "vwp") < 1e-9
+
+
+SPATIAL = [f"flexible.rod.{key}=true" for key in ("axial", "bending_y", "bending_z", "torsion")]
+
+
+def slider_crank(folder: Path, axis: tuple[float, ...], overrides: Sequence[str]) -> pf.Mechanism:
+    """A crank of 0.2 m, a rod of 0.6 m, and a block that slides; gravity along -z."""
+    bodies = (
+        Body("crank", "base", "revolute", axis=(0, 1, 0), mass=0.4, com=(0.1, 0, 0),
+             inertia=(1e-5, 2e-3, 2e-3)),
+        Body("rod", "crank", "revolute", xyz=(0.2, 0, 0), axis=(0, 1, 0), mass=0.6),
+        Body("tip", "rod", xyz=(0.6, 0, 0)),
+        Body("block", "base", "prismatic", xyz=(0.7, 0, 0), axis=axis, mass=1.5,
+             inertia=(1e-3, 1e-3, 1e-3)),
+    )  # fmt: skip
+    words = (
+        "gravity: [0, 0, -9.81]\nactuated: [crank_joint]\n"
+        "home: {crank_joint: -0.8, rod_joint: 1.1}\n"
+        "loops: {pin: {kind: revolute, between: [tip, block], axis: y}}\n"
+        "motion: {kind: quintic, joints: {crank_joint: -2.0}, duration: 0.2}\nflexible:\n  rod:"
+    )
+    return load(folder, bodies, words + ARM, overrides)
+
+
+def test_sliders_in_the_plane_leave_it_plane(tmp_path: Path) -> None:
+    """A reflection: the beam that may leave the plane has the same motions in it."""
+    plane, spatial = (slider_crank(tmp_path, (1, 0, 0), more) for more in ((), SPATIAL))
+    assert plane.parts["rod"].planes == ("u", "v")
+    assert spatial.parts["rod"].planes == ("u", "v", "w", "p")
+    own, every = (pf.modes(m, count=count).frequencies for m, count in ((plane, 4), (spatial, 12)))
+    assert max(np.min(np.abs(every / f - 1.0)) for f in own) < 1e-9  # of round-off 1e-12
+    for level in ("quasistatic", "coupled"):
+        mine, theirs = (
+            np.asarray(pf.solve(m, level=level, dt=1e-3).torque) for m in (plane, spatial)
+        )
+        assert np.max(np.abs(mine - theirs)) < 1e-9 * np.max(np.abs(theirs))
+
+
+def test_a_slider_that_leaves_the_plane_makes_it_spatial(tmp_path: Path) -> None:
+    bodies = (
+        Body("arm", "base", "revolute", axis=(0, 1, 0), mass=1.08, com=(0.5, 0, 0),
+             inertia=(1e-5, 0.09, 0.09)),
+        Body("tip", "arm", xyz=(1, 0, 0)),
+        Body("block", "tip", "prismatic", axis=(0.2, 0.1, 0), mass=1.5, inertia=(1e-3, 1e-3, 1e-3)),
+    )  # fmt: skip
+    words = f"gravity: [0, 0, 0]\nactuated: [arm_joint, block_joint]\nflexible:\n  arm:{ARM}"
+    assert load(tmp_path, bodies, words).parts["arm"].reason == "spatial scene"
