@@ -125,7 +125,8 @@ def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
             found = None  # so far apart instants lose the way, or it is blocked: look closely
         if found is not None:
             return found
-    return _march(path, t, ceil(log2(max(_FINE_GRID / max(len(t) - 1, 1), 1.0))) if cut else 0)
+    widest = float(np.max(np.diff(t), initial=0.0)) / max(float(t[-1] - t[0]), 1e-300)
+    return _march(path, t, ceil(log2(max(_FINE_GRID * widest, 1.0))) if cut else 0)
 
 
 def between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> Nominal:

@@ -333,8 +333,12 @@ class _Study:
     @cached_property
     def _finer(self) -> error_bars.Look | None:
         """All of the richer model and twice its segments; None where nothing can look at that."""
+        finer = finer_model(self.rich)[0]
         try:
-            return self._look(finer_model(self.rich)[0], "coupled")
+            with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
+                return self._look(finer, "coupled")
+            self.by_runs = True  # too far from linear vibration for a cheap look
+            return self._look(finer, "coupled")
         except (PinflexError, np.linalg.LinAlgError) as failed:
             self.notes.append(f"{_UNTRIED}: {failed}")
             return None

@@ -221,7 +221,7 @@ def free(mechanism: Mechanism) -> bool:
     return mechanism.report.mobility != len(mechanism.rigid.motors)
 
 
-_OF_POSES = ("torque", "deflection", "platform position", "platform rotation")
+_OF_POSES = ("torque", "motor force", "deflection", "platform position", "platform rotation")
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation

@@ -26,6 +26,7 @@ from pinflex.integrators.chebyshev import (
 )
 from pinflex.integrators.collocation import Instant
 from pinflex.kernel.evaluate import entries_of
+from pinflex.linalg import saddle
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
@@ -36,6 +37,7 @@ _USUAL, _ROUGH, _CLOSE = 24, 16, 1e-5  # where something does: they serve most m
 _FEW = 4  # the same where a piece is one polynomial of the motion
 _STEPS = 3  # at least so many for each node, or every step is evaluated
 _PERHAPS = 0.25  # of round-off: what changes so much at the first nodes may pass it at others
+_DEPENDENT = 1e-10  # of the largest singular value: closures that are no rows of their own
 _CHUNK = 32  # steps that are interpolated at a time for a method in Python
 _RESTING = 1e-12  # of the largest speed: round-off of a motion that has ended
 _NATURAL = 1e-5  # of what is natural for a matrix: smaller ones, round-off alone perhaps, are
@@ -113,7 +115,7 @@ class LinearPath:
         """Closure forces of the rigid motion in the rows of the flexible mechanism.
 
         They bring the geometric stiffness of the joint forces; any split between them and the
-        deviation's own multipliers satisfies the same equations. Shape (nt, closures).
+        deviation's own multipliers balances the same forces. Shape (nt, closures).
         """
         dynamics, t, count = self.dynamics, self.path.t, self.dynamics.system.closed.n
         zero = np.zeros((len(t), count))
@@ -121,9 +123,25 @@ class LinearPath:
             return zero
         passive = self._mechanism.rigid.free
         r, _ = dynamics.residual(self._y, self.v, self.a, zero, t)
-        J = dynamics.close(self._y).J[:, :, passive]
-        back = np.linalg.pinv(J.swapaxes(1, 2), rcond=1e-10)
-        return np.asarray((back @ r[:, passive, None])[:, :, 0])
+        J = dynamics.close(self._y).J
+        U, sigma, Vt = np.linalg.svd(J[:, :, passive], full_matrices=False)
+        share = np.where(sigma > _DEPENDENT * sigma[:, :1], sigma, np.inf)
+        base = U @ ((Vt @ r[:, passive, None]) / share[:, :, None])
+        idle = count - int(np.min(np.sum(np.isfinite(share), axis=1)))
+        return base[:, :, 0] + (self._borne(base[:, :, 0], J) if idle else 0.0)
+
+    def _borne(self, base: Array, J: Array) -> Array:
+        """What links bear of closure forces that no rigid motion tells, shape (nt, closures).
+
+        Where closures hold more than rigid links need (two columns below one table), the links'
+        stiffness decides how they share a load, and so how far the load softens each.
+        """
+        dynamics, free, y = self.dynamics, self.dynamics.system.free, self._y
+        r = dynamics.residual(y, self.v, self.a, base, self.path.t).r[:, free]
+        K = (dynamics.structural_stiffness(one)[np.ix_(free, free)] for one in y)
+        none, rows = np.zeros(J.shape[1]), J[:, :, free]
+        each = zip(K, rows, r, strict=True)
+        return np.array([saddle(one, j, j, -load, none)[1] for one, j, load in each])
 
     @cached_property
     def _load(self) -> Array:

@@ -1,8 +1,9 @@
 """What a run is judged by: how far two runs of one system differ, output by output.
 
 The difference of an output is its largest one over the samples, relative to the largest value it
-takes; of the platform's pose, relative to its largest deviation from the rigid motion. Torques that
-dry friction makes jump differ by their root mean square: a jump an instant later is no error. An
+takes; of the platform's pose, relative to its largest deviation from the rigid motion. Forces of
+motors that slide are an output of their own beside torques of those that turn. Torques that dry
+friction makes jump differ by their root mean square: a jump an instant later is no error. An
 output that is zero throughout (the torque of no motor, a platform that does not turn) is left out:
 nothing can be said of it.
 """
@@ -17,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal, nominal_of
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import SceneError
@@ -26,6 +27,7 @@ from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_poses
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.system import System
+from pinflex.mechanics.model.tree import sliding
 from pinflex.results.result import Result
 
 _SAMPLES = 51  # instants at which poses are compared: so many samples at least, if there are
@@ -37,6 +39,8 @@ REST = 1e-12  # m or rad
 # of a link that is pressed between fixed ends.
 LEAST_SIZES = dict.fromkeys(("joint positions", "platform position", "platform rotation"), STILL)
 LEAST_SIZES |= dict.fromkeys(("deflection", "gear deflection"), 1e-15)
+# Of the largest of all motors: forces of motors that idle beside others that turn are round-off.
+_IDLE = 1e-3
 
 
 _Poses = tuple[Array, Array]  # positions (n, 3) in m and rotations (n, 3, 3)
@@ -94,7 +98,9 @@ class Outputs:
             for key, history in self.histories(coarse, fine).items()
         }
         if "torque" in found and fine.system.sticks(fine.settings.get("drive") != "torque"):
-            found["torque"] = mean_square(coarse.torque, fine.torque)
+            least = _IDLE * float(np.sqrt(np.mean(np.square(fine.torque))))
+            for key, at in self._motors.items():
+                found[key] = mean_square(coarse.torque[:, at], fine.torque[:, at], least)
         if self._swings(fine) or not any(found.values()):
             joints = self._joints(coarse, fine, fine.y[0])
             found |= {key: relative_size(key, h.apart, h.size) for key, h in joints.items()}
@@ -116,7 +122,10 @@ class Outputs:
         found: dict[str, History] = {}
         system, elastic = fine.system, fine.system.n_eta
         if "torque" in self._asked and fine.torque.shape[1]:
-            found["torque"] = _history(coarse.torque - fine.torque, fine.torque)
+            apart, every = coarse.torque - fine.torque, _IDLE * fine.torque
+            for key, at in self._motors.items():
+                size = np.hstack([fine.torque[:, at], every])
+                found[key] = _history(apart[:, at], size)
         if elastic and "deflection" in self._asked:
             mine, theirs = bent(coarse.system, coarse.y), bent(system, fine.y)
             found |= {key: _history(mine[key] - x, x) for key, x in theirs.items()}
@@ -125,6 +134,11 @@ class Outputs:
         if first is not None and (self._swings(fine) or not found):
             found |= self._joints(coarse, fine, first)
         return found
+
+    @cached_property
+    def _motors(self) -> dict[str, BoolArray]:
+        slides = sliding(self._mechanism.rigid.rigid)
+        return motor_outputs([name in slides for name in self._mechanism.motors])
 
     def about_platform(self, system: System) -> bool:
         """Whether the pose of a platform that gives way is asked for."""
@@ -232,6 +246,14 @@ def bent(system: System, y: Array) -> dict[str, Array]:
     return found
 
 
+def motor_outputs(slides: Sequence[bool]) -> dict[str, BoolArray]:
+    """Which motors an output is of: newtons have an error of their own beside newton metres."""
+    force = np.array(slides, dtype=bool)
+    if force.all() or not force.any():
+        return {"torque": np.ones_like(force)}
+    return {"torque": ~force, "motor force": force}
+
+
 def platform_poses(mechanism: Mechanism, dynamics: Equations, y: Array) -> tuple[Array, Array]:
     """Position (m), shape (n, 3), and rotation (n, 3, 3) of the platform at poses y (n, nq)."""
     platform = dynamics.system.expansion.frames[str(mechanism.description.platform)]
@@ -264,11 +286,11 @@ def relative(a: Array, b: Array) -> float:
     return apart / scale if scale > 0 else np.inf if apart > 0 else 0.0
 
 
-def mean_square(a: Array, b: Array) -> float | None:
-    """Root mean square of a difference over that of the second, or None where both are zero."""
+def mean_square(a: Array, b: Array, least: float = 0.0) -> float | None:
+    """Root mean square of a difference over that of the second, at least `least`; None: zero."""
     if not (np.any(b) or np.any(a)):
         return None
-    size = float(np.sqrt(np.mean(np.square(b))))
+    size = max(float(np.sqrt(np.mean(np.square(b)))), least)
     return float(np.sqrt(np.mean(np.square(a - b)))) / size if size > 0 else np.inf
 
 
@@ -287,7 +309,7 @@ _OF_LINKS: Any = {
 }
 _OF_PARTS = {"section forces": (slice(0, 3), slice(3, 6))}  # N, N m
 _OF_POSE = ("platform position", "platform rotation")
-OUTPUTS = ("torque", *_OF_LINKS, *_OF_POSE, "platform acceleration")
+OUTPUTS = ("torque", "motor force", *_OF_LINKS, *_OF_POSE, "platform acceleration")
 _SECTION = 1e-6  # of the length: sections so near are one
 
 
@@ -306,7 +328,10 @@ def output_differences(
     """
     keys, found = OUTPUTS if of is None else of, dict[str, float | None]()
     if a.torque.shape[1] and "torque" in keys:
-        found["torque"] = _ratio([a.torque], [b.torque])
+        slides = [b.unit(f"torque/{motor}") == "N" for motor in b.motors]
+        for key, at in motor_outputs(slides).items():
+            least = _IDLE * float(np.max(np.abs(b.torque), initial=0.0))
+            found[key] = _ratio([a.torque[:, at]], [b.torque[:, at]], least)
     found |= _of_links(a, b, [key for key in _OF_LINKS if key in keys])
     platform = b.meta.get("platform")
     if platform and {*keys} & {*_OF_POSE}:
@@ -378,9 +403,10 @@ def shared(x: Array, at: Array) -> tuple[list[int], list[int]]:
     return same.tolist(), near[same].tolist()
 
 
-def _ratio(a: list[Array], b: list[Array]) -> float | None:
-    """Largest difference over the largest value of the second; None: that is zero."""
+def _ratio(a: list[Array], b: list[Array], least: float = 0.0) -> float | None:
+    """Largest difference over the largest value of the second, at least `least`; None: zero."""
     scale = max((float(np.max(np.abs(y), initial=0.0)) for y in b), default=0.0)
+    scale = max(scale, least)
     scale = scale if scale > REST else 0.0  # round-off
     apart = (float(np.max(np.abs(x - y), initial=0.0)) for x, y in zip(a, b, strict=True))
     return max(apart, default=0.0) / scale if scale > 0.0 else None

@@ -44,7 +44,7 @@ SHORT = {"prprp": ("solve.until=0.05",)}
 JUMPS = ("motion.kind=trapezoid", "motion.ramp=0.05")
 Rows = dict[tuple[str, str], tuple[str, ...]]  # cells by scene and motion
 _NOTES = ("not judged", "no error measured")
-_BOTH = ("torque", "platform position")  # `compare` judges no rotation
+_BOTH = ("torque", "motor force", "platform position")  # `compare` judges no rotation
 _SURE = 3.0  # times as exact as asked: what `compare` finds so `advise` lets pass too
 _UR10 = """urdf: example-robot-data:ur10
 actuated: [shoulder_pan_joint, shoulder_lift_joint, elbow_joint, wrist_1_joint, wrist_2_joint,

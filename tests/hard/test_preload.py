@@ -5,6 +5,9 @@ Claims:
     - axial load -0.8 to 0.999 of buckling; imaginary from 1 + 1e-6 on | 1e-5 / (1 - share) | passes
     - an equilibrium on an unstable branch is said to be (`UnstableWarning`, quasistatic, `check`) |
       between 1 -+ 1e-5 of Euler's load | exact
+    - two columns under one table, the slender one at 0.75 of its own buckling load (all of the load
+      is 3 times that): its bending across, level ked, linear statics | clamped beam-column | 1e-3 |
+      1.6e-4 (it was called unstable)
     - a linear body beyond its divergence speed is warned of, with ratio and time | - | passes |
       also `hard/test_validity.py`
 """
@@ -18,6 +21,8 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.mechanics.evaluation.equations import Equations
+from pinflex.recovery.links import deflections
 from tests.analytical import compressed_cantilever
 from tests.scenes import UNIT_BEAM, Body, load
 
@@ -53,6 +58,45 @@ def test_the_first_frequency_turns_imaginary_at_the_buckling_load_and_is_shown_s
         for share in (1 - 1e-6, 1 + 1e-6)
     )
     assert below > 0 > above
+
+
+def test_columns_that_share_a_load_are_softened_by_what_each_bears(tmp_path: Path) -> None:
+    """Closures hold the table twice: how its weight parts, the columns' stretch alone decides."""
+    E, L, width, thin, thick = 7e10, 0.4, 0.02, 0.002, 0.006
+    inertia, share = width * thin**3 / 12, thin / (thin + thick)
+    push = 0.75 * 4 * np.pi**2 * E * inertia / L**2  # on the slender one
+    column = f"material: {{E: {E}, nu: 0.3, rho: 1}}, up: z, axial: true, basis: {{internal: 6}}"
+    bodies = [Body("table", "base", "prismatic", (0, L, 0), axis=(0, 1, 0), mass=1.0,
+                   inertia=(0.01, 0.01, 0.01))]  # fmt: skip
+    for name, x in (("a", 0.0), ("b", 0.1)):
+        bodies += [Body(name, "base", xyz=(x, 0, 0), rpy=(0, 0, np.pi / 2)),
+                   Body(f"{name}_end", name, xyz=(L, 0, 0)),
+                   Body(f"{name}_seat", "table", xyz=(x, 0, 0), rpy=(0, 0, np.pi / 2))]  # fmt: skip
+    yaml = f"""
+gravity: [1, 0, 0]
+actuated: []
+loops:
+  a: {{kind: weld, between: [a_seat, a_end]}}
+  b: {{kind: weld, between: [b_seat, b_end]}}
+flexible:
+  a: {{{column}, section: {{shape: rectangle, width: {width}, thickness: {thin}}}}}
+  b: {{{column}, section: {{shape: rectangle, width: {width}, thickness: {thick}}}}}
+forces: {{push: {{at: table, force: [0, {-push / share!r}, 0]}}}}
+motion: {{kind: hold, duration: 0.01}}
+"""
+    m = load(tmp_path, bodies, yaml)
+    u = 0.5 * L * np.sqrt(push / (E * inertia))
+    straight = width * thin * 1.0 * L**4 / (384 * E * inertia)  # under its weight, 1 m/s^2 across
+    expected = straight * 24 / u**4 * (u * np.tan(u / 2) - u**2 / 2)
+    run = pf.solve(m, level="ked")
+    assert run.meta["settings"]["start"] == "static"
+    middle = len(run.link("a").x) // 2
+    # Six modes of a beam without a load along it: 1.6e-4 with a load so near to buckling.
+    bent = run["link/a/deflection"][:, middle, 1]
+    np.testing.assert_allclose(np.abs(bent), expected, rtol=1e-3)
+    y = pf.linear_statics(m, loaded=True).y
+    _, moved = deflections(Equations(m.flexible), y[None])["a"]
+    np.testing.assert_allclose(np.abs(moved[0, middle, 1]), expected, rtol=1e-3)
 
 
 def test_beyond_buckling_the_straight_column_is_reported_unstable(tmp_path: Path) -> None:

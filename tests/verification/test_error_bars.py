@@ -15,6 +15,10 @@ Claims:
     - what is told of deflection is its error, of sections [m] over the largest, and of gears [rad]:
       3tpt (twist of 5e-3 rad beside 1e-4 m), delta, race_r3, a ur5 with elastic gears, `tol` 1e-2
       and 1e-3 | `tol` / 100 | told/true 1 to 5 | 1.6 to 2.2 (0.17 to 50 before)
+    - forces of motors that slide have an error of their own beside torques: a wrist of 1 N m on a
+      cart of 1 kN, time and model, each motor over its own peak | `tol` 1e-6; 2 segments with
+      everything | told/true 0.5 to 10 | 0.77 to 2.1 (0.003 of the wrist's
+      before)
     - under a digital controller what is told of torque, deflection and platform covers the error:
       ur5 (elbow, six motors), 3rrr with a delay, delta, an arm on a hub | `tol` 1e-6; 3rrr its
       finest run | told/true above 1 | 1.2 to 160 (0.4 before)
@@ -190,6 +194,31 @@ def test_what_is_told_of_deflection_is_the_error_of_sections_and_of_gears(
         if true.size:
             error = np.abs(found - true).max() / np.abs(true).max()
             assert error < told[key] < 5 * error  # twice is aimed at
+
+
+def test_newtons_do_not_hide_newton_metres(tmp_path: Path) -> None:
+    """One scale for both told of a wrist what is small beside the cart's force."""
+    bodies = (
+        Body("cart", "base", "prismatic", axis=(1, 0, 0), mass=50.0, inertia=(1, 1, 1)),
+        Body("arm", "cart", "revolute"),
+        Body("hand", "arm", xyz=(0.4, 0, 0), mass=0.3, inertia=(1e-4, 1e-4, 1e-4)),
+    )
+    yaml = """
+gravity: [0, 0, 0]
+flexible: {arm: {material: aluminium, section: {shape: circle, diameter: 0.01}, end: hand}}
+damping: {rayleigh: [0, 1.0e-5]}
+platform: hand
+motion: {kind: quintic, joints: {cart_joint: 0.6, arm_joint: 0.5}, duration: 0.4}
+"""
+    full = [f"flexible.arm.{key}=true" for key in ("axial", "shear", "rotary_inertia")]
+    robot = scenes.load(tmp_path, bodies, yaml)
+    rich = scenes.load(tmp_path, bodies, yaml, [*full, "flexible.arm.segments=2"])
+    run, exact = (pf.solve(robot, tol=tol, samples=61) for tol in (1e-3, 1e-6))
+    true = pf.solve(rich, tol=1e-6, samples=61)
+    for told, a, b in ((run.errors.time, run, exact), (run.errors.model, exact, true)):
+        apart = np.abs(a.torque - b.torque).max(axis=0) / np.abs(b.torque).max(axis=0)
+        for key, error in zip(("motor force", "torque"), apart, strict=True):
+            assert 0.5 * error < told[key] < 10 * error  # twice is aimed at
 
 
 def held(model: str, folder: Path) -> tuple[pf.Mechanism, dict[str, object]]:

@@ -7,6 +7,8 @@ Claims:
     - three samples of 3rrr, delta, hexapod, race_r2 = those of 401, at level rigid | a fine march |
       1e-8 | passes
     Levels, energy, steps
+    - many instants, none of them in the fast middle of a turn: the same motion as among others |
+      a fine march | 1e-9 | 3e-13
     - nominal motion filled in = marched, six mechanisms; fewer than 10 of 401 instants are marched
       to | 1e-10; counted | passes
     Tolerances, collocation
@@ -283,3 +285,26 @@ def test_three_samples_are_followed_as_finely_as_it_takes(name: str) -> None:
     """Half a turn of 3rrr in one step was refused as singular: the guess led to another branch."""
     few, many = (pf.solve(name, level="rigid", samples=n) for n in (3, 401))
     assert np.max(np.abs(few.torque - many.torque[::200])) < 1e-8 * np.max(np.abs(many.torque))
+
+
+def test_instants_with_a_gap_are_followed_as_finely_as_it_takes(tmp_path: File) -> None:
+    """Torques fed forward under friction ask so; Newton crossed the gap to the other branch."""
+    bodies = (
+        Body("crank", "base", "continuous", **ROD),
+        Body("coupler", "crank", "continuous", xyz=(0.15, 0, 0), **ROD),
+        Body("coupler_end", "coupler", xyz=(0.4, 0, 0)),
+        Body("rocker", "base", "continuous", xyz=(0.4, 0, 0), **ROD),
+        Body("rocker_end", "rocker", xyz=(0.35, 0, 0)),
+    )
+    yaml = """
+actuated: [crank_joint]
+loops: {pin: {kind: planar, between: [coupler_end, rocker_end]}}
+home: {crank_joint: 0.5, coupler_joint: 0.5, rocker_joint: 1.5}
+"""
+    m = load(tmp_path, bodies, yaml)
+    motion = pf.quintic(joints={"crank_joint": 2.5}, duration=0.5)
+    t = np.linspace(0.0, 0.5, 1001)
+    beside = (t < 0.15) | (t > 0.4)
+    whole, parts = nominal(m, motion, t), nominal(m, motion, t[beside])
+    # Newton leaves 1e-11 of a closed pose.
+    np.testing.assert_allclose(parts.q, whole.q[beside], atol=1e-9)
