@@ -11,7 +11,7 @@ import numpy as np
 from pinflex.actuation.drive import TorqueDrive, averaged, kinks
 from pinflex.actuation.feedback import Feedback
 from pinflex.actuation.path import MotorAxes, MotorPath
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.errors import ConvergenceError, Ending, MotionError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
@@ -118,7 +118,7 @@ def integrate(
         raise _diverged(mechanism, march, t[k + 1], k + 1, r, so_far) from None
     if feedback is None:  # its states were those of their time
         march.dynamics, (march.path, march.drive) = dynamics, pointwise
-        record.settle(np.union1d(at[at > begin], switched[switched > begin]))
+        record.settle(distinct(at[at > begin], switched[switched > begin]))
     return record.run(steps)
 
 
@@ -126,7 +126,7 @@ def _switched(loads: Loads, t: Array) -> IntArray:
     """Steps nearest to where loads switch."""
     h, times = t[1] - t[0], [x for f, _ in loads.forces if f.timed for x in f.corners]
     found = [int(np.searchsorted(t, x - 0.5 * h)) for x in times if 0.0 < x <= t[-1]]
-    return np.unique(np.array(found, dtype=np.intp))
+    return distinct(np.array(found, dtype=np.intp))
 
 
 # A step in which a mass comes or goes. No mean over it is right, as it is for loads: accelerations
