@@ -8,7 +8,6 @@ import math
 import os
 import stat
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +24,8 @@ def writable(path: str | Path | None) -> None:
     """Raise before a long run if its file cannot be written."""
     if path is None:
         return
+    import tempfile
+
     try:
         target = _target(Path(path))
         with tempfile.TemporaryFile(dir=target.parent):

@@ -19,7 +19,7 @@ from pinflex.actuation.path import (
     motor_axes,
     underactuated,
 )
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray, distinct
 from pinflex.description.motions.laws import SNAP
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import SceneError
@@ -92,7 +92,7 @@ def nominal_and_more(
     found = _known(mechanism, motion, t)
     if found is not None:
         return found, between(mechanism, motion, found, more) if len(more) else found.at([])
-    every = np.union1d(t, more)
+    every = distinct(t, more)
     both = _solved(mechanism, motion, every)
     found, others = (both.at(np.searchsorted(every, at)) for at in (t, more))
     for x in (found.t, found.q, found.v, found.a):
@@ -118,7 +118,7 @@ def _closed_loops(path: Path, t: Array, cut: bool = True) -> Nominal:
     """A few instants by a march, then more between them, then all; `cut`: halved if need be."""
     every = min(_EVERY, len(t) // _LEAST)
     if every > 1 and not path.dynamics.system.closed.contacts:
-        some = np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
+        some = distinct(np.arange(0, len(t), every), len(t) - 1)
         try:
             found = _filled(path, _closed_loops(path, t[some], False), t)
         except (SceneError, np.linalg.LinAlgError):
@@ -147,7 +147,7 @@ def _between(mechanism: Mechanism, motion: Motion, known: Nominal, t: Array) -> 
     except (SceneError, np.linalg.LinAlgError):
         found = None
     if found is None:
-        every = np.union1d(known.t, t)
+        every = distinct(known.t, t)
         found = nominal(mechanism, motion, every).at(np.searchsorted(every, t))
     return found
 

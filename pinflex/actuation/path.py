@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.description.motions.motion import Motion, from_spec, hold
 from pinflex.errors import DescriptionError, MotionError, SceneError, SingularityError, nearest
 from pinflex.mechanics import assembly
@@ -230,8 +230,7 @@ class Path:
         per_row = units.rows
         if motion.target == "platform":
             self.platform = PlatformCoordinates(self.dynamics, self._frame(), motion.names)
-            every = np.arange(system.nv)
-            self.unknown = np.setdiff1d(every, system.held).astype(np.intp)
+            self.unknown = others(system.nv, system.held)
             equations += len(motion.names)
             imposed = np.where(self.platform.turning, 1.0, 1.0 / units.length)
             per_row = np.concatenate([per_row, imposed])

@@ -262,7 +262,7 @@ class _Study:
         apart: Errors = {}
         if self._finer is not None:
             with contextlib.suppress(PinflexError, np.linalg.LinAlgError):
-                apart = error_bars.differences(self._look(self.rich, "coupled"), self._finer)
+                apart = self._apart(self._look(self.rich, "coupled"), self._finer)
         return {
             name: error_bars.covering({k: x + self.tail.get(k, 0.0) for k, x in e.items()}, apart)
             for name, e in levels.items()
@@ -304,7 +304,7 @@ class _Study:
             return found
         try:
             model = mechanism.with_(*found.overrides)
-            apart = error_bars.differences(self._look(model, level), finer)
+            apart = self._apart(self._look(model, level), finer)
             self._tell(4, _LOOKS)
             error = error_bars.covering(found.error, apart)
             more = fewer.segmented(model)
@@ -314,7 +314,7 @@ class _Study:
             if used(found.error) > _WORTH * used(error):
                 return replace(found, error=error)  # whatever segments mend, that is left
             cut = model.with_(*more)
-            rest = error_bars.differences(self._look(cut, level), finer)
+            rest = self._apart(self._look(cut, level), finer)
             # What two segments leave is a quarter to a third of what they mend.
             left = {k: e + _MENDED * apart.get(k, 0.0) for k, e in rest.items()}
             better = error_bars.covering(found.error, left)
@@ -366,6 +366,11 @@ class _Study:
         scene, patient = self._scene(model, level), error_bars.patient()
         run = solve_to_tolerance(scene, probe.t[some], _WITHIN * self.tol, patient)
         return error_bars.Look(probe, run, some)
+
+    def _apart(self, a: error_bars.Look, b: error_bars.Look) -> Errors:
+        """How far one look differs from another in what is asked for."""
+        outputs = (key for key in error_bars.OF_POSES if key.split()[0] in self.plain.asked)
+        return error_bars.differences(a, b, tuple(outputs))
 
     def _scene(self, model: Mechanism, level: str) -> Scene:
         """A run of a model, that is asked for no more than the advice is."""

@@ -221,7 +221,7 @@ def free(mechanism: Mechanism) -> bool:
     return mechanism.report.mobility != len(mechanism.rigid.motors)
 
 
-_OF_POSES = ("torque", "motor force", "deflection", "platform position", "platform rotation")
+OF_POSES = ("torque", "motor force", "deflection", "platform position", "platform rotation")
 _INSTANTS = 161  # at which they are compared: some ten in each period that a march resolves
 _CONTRACTION = 0.7  # corrections that shrink by less say nothing,
 _SMALL = 1e-3  # unless they are so small beside the deviation
@@ -351,7 +351,7 @@ def compared(probe: Probe) -> slice:
     return slice(None, None, max(1, (probe.steps - 1) // (_INSTANTS - 1)))
 
 
-def differences(a: Look, b: Look, of: Sequence[str] = _OF_POSES) -> Errors:
+def differences(a: Look, b: Look, of: Sequence[str] = OF_POSES) -> Errors:
     """Largest differences of one look from another, by output."""
     found = output_differences(a.result, b.result, of=of, rigid=b.rigid)
     return {key: found[key] for key in of if key in found}

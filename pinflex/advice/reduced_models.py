@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pinflex.advice.probe import Probe, shapes_of
-from pinflex.arrays import Array
+from pinflex.arrays import Array, distinct
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.errors import ConvergenceError, DescriptionError, PinflexError
 from pinflex.integrators.problem import Run
@@ -172,7 +172,7 @@ class _Equilibria:
     def __init__(self, probe: Probe, outputs: Outputs, moved: Run) -> None:
         """Nothing is left out yet; `moved`: the run with its vibration, for its size."""
         some = np.linspace(0, probe.steps - 1, _STILL)
-        self._probe, self._at = probe, np.unique(some.astype(np.intp))
+        self._probe, self._at = probe, distinct(some.astype(np.intp))
         self._outputs = outputs.at(self._at)
         self._whole = self._before = self._run(None)
         self._sizes = outputs.sizes(moved)

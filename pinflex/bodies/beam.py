@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.bodies.family import BENDING, Family, combine, quadrature
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _SMALL = 1 << 16  # numbers: rows of so many are kept
 
 def union(breaks: Sequence[Array]) -> Array:
     """Sorted points of all, without those that differ by rounding only."""
-    points = np.unique(np.concatenate(breaks))
+    points = distinct(*breaks)
     return np.asarray(points[np.append(True, np.diff(points) > 1e-12 * points[-1])])
 
 
@@ -123,7 +123,7 @@ class _Integral:
 
     def __init__(self, families: Mapping[str, Family], x: Array) -> None:
         breaks = union([f.breaks for f in families.values()])
-        knots = np.unique(np.concatenate([breaks, x]))
+        knots = distinct(breaks, x)
         points, self._weights = quadrature(knots, max(f.gauss for f in families.values()))
         self.s, self._last = points.ravel(), np.searchsorted(knots, x)
 

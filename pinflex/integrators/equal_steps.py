@@ -12,7 +12,7 @@ import numpy as np
 from pinflex.actuation.drive import TorqueDrive, averaged, kinks
 from pinflex.actuation.feedback import Feedback, FeedbackState
 from pinflex.actuation.path import MotorAxes, MotorPath
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.errors import ConvergenceError, Ending, MotionError, PinflexError, RunInterrupted
 from pinflex.integrators.collocation import AlphaScheme, implicit_euler, radau
 from pinflex.integrators.compiled import Stages
@@ -117,7 +117,7 @@ def integrate(
     if feedback is None:  # its states were those of their time
         march.dynamics = march.problem.dynamics = dynamics
         march.path, march.drive = pointwise
-        march.settle(np.union1d(at[at > begin], switched[switched > begin]))
+        march.settle(distinct(at[at > begin], switched[switched > begin]))
     return march.run(system, begin, steps)
 
 
@@ -125,7 +125,7 @@ def _switched(loads: Loads, t: Array) -> IntArray:
     """Steps nearest to where loads switch."""
     h, times = t[1] - t[0], [x for f, _ in loads.forces if f.timed for x in f.corners]
     found = [int(np.searchsorted(t, x - 0.5 * h)) for x in times if 0.0 < x <= t[-1]]
-    return np.unique(np.array(found, dtype=np.intp))
+    return distinct(np.array(found, dtype=np.intp))
 
 
 # A step in which a mass comes or goes. No mean over it is right, as it is for loads: accelerations

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from pinflex.actuation.path import MotorPath, motor_axes
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray, distinct, others
 from pinflex.doors import door
 from pinflex.kernel.evaluate import Residual, Tangent
 from pinflex.linalg import saddle_matrix
@@ -53,7 +53,7 @@ def consistent_acceleration(
         have no mass).
     """
     system = dynamics.system
-    free, a = np.setdiff1d(system.unheld, held), np.zeros(system.nv)
+    free, a = others(system.nv, distinct(system.held, held)), np.zeros(system.nv)
     a[held] = a_held
     r, _ = dynamics.residual(y, v, a, np.zeros(system.closed.n), t, control_force)
     if tau is not None:

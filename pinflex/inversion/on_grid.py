@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.errors import ConvergenceError
 from pinflex.inversion.exact import EIGHTH, flat, invert, padded, rates, spline
@@ -219,7 +219,7 @@ def _nodes(v: Array) -> IntArray:
     if not len(moving):
         return np.zeros(1, dtype=np.intp)
     first, last = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(v) - 1)
-    return np.unique(np.linspace(first, last, _NODES + 1).round().astype(np.intp))
+    return distinct(np.linspace(first, last, _NODES + 1).round().astype(np.intp))
 
 
 # The quasistatic command: an asymptotic series in (elastic period / time of the motion)^2.

@@ -10,9 +10,8 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import shutil
-import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).parent / "source"
@@ -50,10 +49,16 @@ WASM_CALLS = (
 WASM_INSIDE = ("retract", "factors", "solve")  # functions of the sources themselves
 
 
+@cache
+def code() -> bytes:
+    """All of the C code."""
+    text = b"".join(path.read_bytes() for path in sorted(SOURCE.glob("*.[ch]")))
+    return text.replace(b"\r\n", b"\n")
+
+
 def fingerprint() -> str:
     """Of the C code: a library of another one is not loaded."""
-    text = b"".join(path.read_bytes() for path in sorted(SOURCE.glob("*.[ch]")))
-    return hashlib.sha256(text.replace(b"\r\n", b"\n")).hexdigest()[:16]
+    return hashlib.sha256(code()).hexdigest()[:16]
 
 
 def here() -> str:
@@ -90,6 +95,8 @@ def compile_all(folder: Path, target: str | None = None) -> list[Path]:
     Raises:
         RuntimeError: The target is not known, or no compiler made it.
     """
+    from subprocess import SubprocessError
+
     target = target or here()
     if target not in TARGETS:
         raise RuntimeError(f"no build for {target}. Known: {', '.join(TARGETS)}")
@@ -97,7 +104,7 @@ def compile_all(folder: Path, target: str | None = None) -> list[Path]:
     for compiler in compilers(target):
         try:
             return [_compile(compiler, folder, target, *one) for one in BUILDS[_machine(target)]]
-        except (OSError, subprocess.SubprocessError) as error:
+        except (OSError, SubprocessError) as error:
             said.append(f"{compiler[0]}: {in_short(error)}")
     raise RuntimeError("; ".join(said) or "no compiler: pip install ziglang")
 
@@ -110,6 +117,8 @@ def compile_wasm(out: Path) -> Path:
     Raises:
         RuntimeError: There is no `ziglang`, or it does not make it.
     """
+    import subprocess
+
     found = zig("wasm32-wasi")
     if not found:
         raise RuntimeError("no clang that makes WebAssembly: pip install ziglang")
@@ -139,6 +148,8 @@ def _machine(target: str) -> str:
 
 def compilers(target: str) -> list[list[str]]:
     """Commands to try, in order; compilers of the machine only for itself."""
+    import shutil
+
     chosen = shutil.which(os.environ.get("CC", "")) if target == here() else None
     found = [[chosen]] if chosen else []
     found += zig(TARGETS[target][0])
@@ -159,6 +170,8 @@ def _compile(
     compiler: list[str], folder: Path, target: str, build: str, zig: tuple[str, ...],
     other: tuple[str, ...],
 ) -> Path:  # fmt: skip
+    import subprocess
+
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / name_of(target, build)
     flags = (*FLAGS, *(zig if "ziglang" in compiler else other))

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from pinflex.arrays import Array
 from pinflex.errors import KernelWarning, PinflexError
 from pinflex.kernel import build
-from pinflex.kernel.build import SOURCE
+from pinflex.kernel.build import code
 
 # Structures, functions and constants of the kernel as its C sources declare them, once.
 #
@@ -27,17 +27,17 @@ from pinflex.kernel.build import SOURCE
 # there what it hands over: nothing is listed twice, and nothing can differ.
 
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-_STRUCTURE = re.compile(r"typedef struct \{([^}]*)\} (\w+);")
+_STRUCTURE = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
 _ARRAYS = re.compile(r"\b(Int|double) (\*[^;]*);\s*/\* \[([^\]]*)\]")  # their shape is behind
 _ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
-_FUNCTION = re.compile(r"^EXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]", re.MULTILINE)
+_FUNCTION = re.compile(r"\nEXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]")  # the same
 _SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
 _TYPES: dict[str, npt.DTypeLike] = {"Int": np.int64, "double": np.float64}
 
 
 @cache
 def _commented() -> str:
-    return "\n".join(path.read_text("utf-8") for path in sorted(SOURCE.glob("*.[ch]")))
+    return code().decode()
 
 
 @cache
@@ -47,14 +47,15 @@ def _text() -> str:
 
 @cache
 def _structures() -> dict[str, str]:
-    return {name: body for body, name in _STRUCTURE.findall(_text())}
+    """Their fields, with the comments, by name."""
+    return {name: body for body, name in _STRUCTURE.findall(_commented())}
 
 
 @cache
 def structure(name: str) -> type[ctypes.Structure]:
     """The structure that the sources call so, with its fields in their order."""
     fields: list[tuple[str, Any]] = []
-    for declaration in _structures()[name].split(";")[:-1]:
+    for declaration in _COMMENT.sub("", _structures()[name]).split(";")[:-1]:
         kind, names = re.split(r"\s+", re.sub(r"\bconst ", "", declaration.strip()), maxsplit=1)
         for each in names.split(","):
             field = each.strip()
@@ -71,10 +72,9 @@ def names(of: str, kind: type) -> tuple[str, ...]:
 @cache
 def shapes(of: str) -> dict[str, tuple[npt.DTypeLike, tuple[str, ...]]]:
     """Types and shapes of the arrays of a structure, from the brackets behind them."""
-    body = _commented().partition(f"}} {of};")[0].rpartition("typedef struct {")[2]
     return {
         name.strip().lstrip("*"): (_TYPES[kind], tuple(shape.split(", ")))
-        for kind, names, shape in _ARRAYS.findall(body)
+        for kind, names, shape in _ARRAYS.findall(_structures()[of])
         for name in names.split(",")
     }
 

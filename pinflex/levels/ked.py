@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinflex.actuation.drive import Nominal, between, breaks, nominal
-from pinflex.arrays import Array, BoolArray, IntArray
+from pinflex.arrays import Array, BoolArray, IntArray, distinct
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import ConvergenceError, DescriptionError, Ending
@@ -501,7 +501,7 @@ def _means(grid: Interpolation, r: Varying, load: Array, h: float) -> tuple[IntA
     piece by piece, moves both to where they are.
     """
     pieces, corners, half = grid.by_piece(r.whole()), grid.pieces.corners, 0.5 * h
-    near = np.unique(np.searchsorted(grid.t[:-1] + half, corners))
+    near = distinct(np.searchsorted(grid.t[:-1] + half, corners))
     begins = np.maximum(grid.t[near] - half, grid.t[0])
     ends = np.minimum(grid.t[near] + half, grid.t[-1])
     mean = np.empty((len(near), load.shape[1]))

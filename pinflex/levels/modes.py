@@ -15,7 +15,7 @@ import numpy as np
 
 from pinflex.actuation.drive import nominal
 from pinflex.actuation.path import Path, motor_axes, plain_motion
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion, hold
 from pinflex.description.motions.trajectory import read as read_shaper
@@ -330,7 +330,7 @@ def vibrating(mechanism: Mechanism) -> IntArray:
     """Velocity rows that vibrate while motors are locked: a free base too, where nothing weighs."""
     if base_state(mechanism) == "held":
         return mechanism.flexible.free
-    return np.union1d(mechanism.flexible.free, mechanism.idle.base).astype(np.intp)
+    return distinct(mechanism.flexible.free, mechanism.idle.base)
 
 
 def rings_below(mechanism: Mechanism, frequency: float) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.drive import Nominal, between, breaks, nominal_and_more
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import ASKED
 from pinflex.errors import ConvergenceError
@@ -192,7 +192,7 @@ class Equilibria:
             if _largest(R[:, free]) <= close * force and _largest(C) < gap:
                 break
             right, x = np.hstack([R[:, free], C]), np.empty((n, len(free) + system.closed.n))
-            for one in np.unique(use):
+            for one in distinct(use):
                 _, lu, pivots = self._factors[one]
                 x[use == one] = self._lapack.dgetrs(lu, pivots, -right[use == one].T)[0].T
             size = np.max(np.abs(x[:, : len(free)]), axis=1, initial=0.0)

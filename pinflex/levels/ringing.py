@@ -13,7 +13,7 @@ import numpy as np
 
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.actuation.path import motor_axes
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.motions.trajectory import MODES, ShaperSpec
@@ -228,7 +228,7 @@ def _by_motor(mechanism: Mechanism, q: Array, motors: IntArray) -> Array:
     What passive joints do belongs to one pose; by the motors, forces change slowly along a motion.
     """
     rigid = mechanism.rigid
-    moving = np.setdiff1d(np.arange(rigid.nv), rigid.held).astype(np.intp)
+    moving = others(rigid.nv, rigid.held)
     allowed = allowed_motions(Equations(rigid), q, moving)
     Z = np.zeros((rigid.nv, allowed.shape[1]))
     Z[moving] = allowed

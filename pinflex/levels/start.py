@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.actuation.path import MotorPath, motor_axes
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct, others
 from pinflex.boundary import public
 from pinflex.description.motions.motion import Motion
 from pinflex.description.reading.schema import shown
@@ -361,7 +361,7 @@ def with_speeds(
     if not speeds:
         return v
     system = dynamics.system
-    fixed = system.held if driven else np.union1d(system.held, system.motors)
+    fixed = system.held if driven else distinct(system.held, system.motors)
     joints, links = _sorted(mechanism, speeds)
     v, named = v.copy(), list[int]()
     for name, at, values in joints:
@@ -371,7 +371,7 @@ def with_speeds(
             if value is not None:
                 v[row] = value
                 named.append(row)
-    free = np.setdiff1d(np.arange(system.nv), [*fixed, *named]).astype(np.intp)
+    free = others(system.nv, np.array([*fixed, *named], dtype=np.intp))
     rows, given = _link_rows(dynamics, y, links)
     J = dynamics.close(y).J
     A, b = np.vstack([J, rows]), np.concatenate([np.zeros(len(J)), given])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex import linalg
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures, size_of
 from pinflex.mechanics.manifold import translations
@@ -188,7 +188,7 @@ def require_regular(
         return float("nan")
     scale = units(dynamics, y)
     J = scale.of(dynamics.close(y).J)
-    passive = np.setdiff1d(np.arange(dynamics.n_rigid), motors)
+    passive = others(dynamics.n_rigid, motors)
     if len(passive) > len(J):
         return 0.0
     ratio = singular_ratio(J[:, passive])

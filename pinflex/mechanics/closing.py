@@ -19,7 +19,7 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.description.loops import ALONG, Loop, loop_kind
 from pinflex.errors import AssemblyError
 from pinflex.linalg import independent_rows
@@ -339,7 +339,7 @@ class _Search:
         cosines = self.closure.axes(guess)
         rows, model = dynamics.n_rigid, dynamics.system.rigid
         self.every = np.arange(rows, dtype=np.intp)
-        self.passive = np.setdiff1d(self.every, held).astype(np.intp)
+        self.passive = others(rows, held)
         # A Newton step keeps the side from which axes meet; a search wants them to point alike.
         self.closure.signs = np.where(cosines < 0, -1.0, 1.0)
         self.wanted = np.where(cosines < -1 + 1e-6, -1.0, 1.0)

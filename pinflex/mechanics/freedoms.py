@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
@@ -282,7 +282,7 @@ class Freedoms:
 def allowed(J: Array, locked: IntArray) -> Array:
     """Orthonormal basis of the motions that closures and locked rows leave, shape (nv, k)."""
     nv = J.shape[1]
-    passive = np.setdiff1d(np.arange(nv), locked)
+    passive = others(nv, locked)
     inside = null_space(J[:, passive], INDEPENDENT)
     N = np.zeros((nv, inside.shape[1]))
     N[passive] = inside

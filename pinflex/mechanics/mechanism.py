@@ -12,7 +12,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, distinct
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.boundary import public
 from pinflex.description.blocks.flexible import FlexibleLink
@@ -112,7 +112,7 @@ class Mechanism:
     @property
     def elastic_joints(self) -> tuple[str, ...]:
         """Coordinates with a spring that nothing else determines: level rigid holds them."""
-        held = np.setdiff1d(self.rigid.held, self.idle.held)
+        held = self.rigid.held[~np.isin(self.rigid.held, self.idle.held)]
         return tuple(self.coordinates[k] for k in held)
 
     @property
@@ -131,11 +131,11 @@ class Mechanism:
 
         Joints that have clearance are held by contact.
         """
-        let_go = np.union1d(self.idle.base, self.idle.loose)
+        let_go = distinct(self.idle.base, self.idle.loose)
         system = with_clearance(self.flexible, self.description.loops)
         if not len(let_go):
             return system
-        held = np.setdiff1d(system.held, let_go).astype(np.intp)
+        held = system.held[~np.isin(system.held, let_go)]
         return replace(system, held=held)
 
     @cached_property

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.description.blocks.external import WORLD
 from pinflex.description.blocks.joints import elastic
 from pinflex.description.description import Description
@@ -69,7 +69,7 @@ def idle_of(system: System, description: Description, home: Array) -> Idle:
     stands = any(loop.grounded for loop in description.loops)
     floats = description.base == "free_flyer" and not stands
     base = np.arange(6 if floats else 0, dtype=np.intp)  # velocity rows of a free one
-    locked = np.unique(np.concatenate([system.motors, system.held, base])).astype(np.intp)
+    locked = distinct(system.motors, system.held, base)
     frames, found = system.expansion.frames, Idle()
     if len(locked) + system.closed.n < system.nv:
         dynamics, named = Equations(system), (*description.frames, *description.loaded)
@@ -234,7 +234,7 @@ def rigid_system(
         both = _closures(description, loops, parts, tree, ground, fit)
         rows = np.concatenate([kept, every.n + np.arange(spun)])
         system = replace(system, closed=both.select(rows))
-    system = replace(system, held=np.union1d(elastic, idle.held).astype(np.intp))
+    system = replace(system, held=distinct(elastic, idle.held))
     sigma = float("nan")
     if every.n:
         dynamics = Equations(system)
@@ -254,7 +254,7 @@ def _sigma_at_home(
 ) -> float:
     """How far home is from a singular pose with motors and held joints locked; 1 is best."""
     system = dynamics.system
-    locked = np.union1d(system.motors, system.held).astype(np.intp)
+    locked = distinct(system.motors, system.held)
     try:
         return assembly.require_regular(dynamics, home, locked, names, where)
     except SingularityError as error:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from pinflex.arrays import Array
+from pinflex.arrays import Array, distinct
 from pinflex.bodies.basis import FlexibleBody
 from pinflex.description.robots.urdf import limits
 from pinflex.integrators.problem import Run
@@ -64,7 +64,7 @@ def monitors(
     """Monitors of every flexible link of a run, by name; empty for a rigid run."""
     if not run.system.n_eta:
         return {}
-    every = np.unique(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
+    every = distinct(np.linspace(0, len(run.t) - 1, min(_INSTANTS, len(run.t))).astype(int))
     M = Equations(run.system).mass(run.y[0])
     ends = {}
     for slot in run.system.expansion.slots:

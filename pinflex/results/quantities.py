@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -148,7 +147,13 @@ SLIDING = {"rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "N m": "N"}
 @cache
 def key_of(key: str) -> Key | None:
     """The row of `KEYS` of a flat key; None for one that no run has."""
-    return next((one for one in KEYS if re.fullmatch(one.key.replace("NAME", ".+"), key)), None)
+    return next((one for one in KEYS if _is_of(key, *one.key.partition("NAME"))), None)
+
+
+def _is_of(key: str, head: str, name: str, tail: str) -> bool:
+    if not name:
+        return key == head
+    return len(key) > len(head + tail) and key.startswith(head) and key.endswith(tail)
 
 
 def unit_of(key: str) -> str | None:

@@ -14,7 +14,7 @@ import numpy as np
 from pinflex.actuation.drive import Nominal, nominal
 from pinflex.actuation.feedback import drives_motors
 from pinflex.actuation.path import motor_axes
-from pinflex.arrays import Array
+from pinflex.arrays import Array, distinct
 from pinflex.boundary import public
 from pinflex.description.blocks.control import Control
 from pinflex.description.description import Description
@@ -76,7 +76,7 @@ def blows(motion: Motion, until: float) -> list[str]:
     if not motion.names:
         return []
     ends = np.array([t for t in motion.switches if 0.0 < t < until])
-    t = np.unique(np.concatenate([np.linspace(0.0, until, _GRID), ends - _BESIDE * until, ends]))
+    t = distinct(np.linspace(0.0, until, _GRID), ends - _BESIDE * until, ends)
     t = t[(t >= 0.0) & (t < until)]
     v, a = motion.evaluate(t)[1:]
     top = np.maximum(np.max(np.abs(v), axis=0), 1e-300)

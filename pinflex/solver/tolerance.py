@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.collocation import AlphaScheme, Collocation
@@ -186,7 +186,7 @@ class _OneRun:
     def __init__(self, scene: Scene, t: Array, tol: float, progress: Progress | None) -> None:
         self.scene, self.asked_for, self.tol, self.progress = scene, t, tol, progress
         few = len(t) < _INSTANTS
-        self.t = np.union1d(t, np.linspace(t[0], t[-1], _INSTANTS)) if few else t
+        self.t = distinct(t, np.linspace(t[0], t[-1], _INSTANTS)) if few else t
         self.dynamics = scene.equations()
         asked = scene.spec.asked or ASKED
         self.outputs = Outputs(scene.mechanism, scene.motion, self.t, asked, self.dynamics)

@@ -51,7 +51,8 @@ static void times_rows(const Linear *m, const double *value, const double *x, do
   times_sparse(m->n, m->J_col_at, m->J_row, value, x, y);
 }
 
-/* Factors of a system, where they are not at hand; 0 where it is singular. */
+/* Factors of a system, where they are not at hand; 0 where it is singular. The last coordinates come
+   first: joints, which all links of their leg move with, would else fill what legs have apart. */
 static const double *factored(const Linear *m, Int system, const double *value, const Int **pivot) {
   Int n = m->n, rows = m->rows, size = n + rows, at = m->kept ? system : 0;
   double *lu = m->lu + at * size * size;
@@ -59,12 +60,12 @@ static const double *factored(const Linear *m, Int system, const double *value, 
   if (m->holds[at] == system + 1) return lu;
   const double *J = value + 3 * m->col_at[n];
   for (Int j = 0; j < n; j++) {
-    double *column = lu + j * size, *last = column + n;
-    memcpy(column, m->S + j * n, (size_t)n * sizeof(double));
-    for (Int p = m->col_at[j]; p < m->col_at[j + 1]; p++) column[m->row[p]] = value[p];
+    double *column = lu + (n - 1 - j) * size, *last = column + n;
+    for (Int i = 0; i < n; i++) column[n - 1 - i] = m->S[j * n + i];
+    for (Int p = m->col_at[j]; p < m->col_at[j + 1]; p++) column[n - 1 - m->row[p]] = value[p];
     memcpy(last, m->J + j * rows, (size_t)rows * sizeof(double));
     for (Int p = m->J_col_at[j]; p < m->J_col_at[j + 1]; p++) last[m->J_row[p]] = J[p];
-    for (Int k = 0; k < rows; k++) lu[(n + k) * size + j] = last[k];
+    for (Int k = 0; k < rows; k++) lu[(n + k) * size + n - 1 - j] = last[k];
   }
   for (Int k = n; k < size; k++)
     memset(lu + k * size + n, 0, (size_t)rows * sizeof(double));
@@ -95,14 +96,18 @@ EXPORT Int pinflex_linear_march(const Linear *m) {
     times_sparse(n, m->col_at, m->row, value + varying, v, x);
     times_sparse(n, m->col_at, m->row, value + 2 * varying, d, x);
     times_rows(m, value + 3 * varying, d, x + n);
-    for (Int i = 0; i < n; i++) x[i] = -x[i];
+    for (Int i = 0, j = n - 1; i <= j; i++, j--) {
+      double y = -x[i];
+      x[i] = -x[j], x[j] = y;
+    }
     for (Int i = 0; i < rows; i++) x[n + i] /= -(beta * h * h);
     solve(lu, n + rows, pivot, x);
     for (Int i = 0; i < n; i++) {
-      s[i] += x[i];
-      a[i] = m->mass_factor * x[i];
-      d[i] += h * h * beta * x[i];
-      v[i] += h * gamma * x[i];
+      double ds = x[n - 1 - i];
+      s[i] += ds;
+      a[i] = m->mass_factor * ds;
+      d[i] += h * h * beta * ds;
+      v[i] += h * gamma * ds;
       m->d[k * n + i] = d[i], m->v[k * n + i] = v[i], m->a[k * n + i] = a[i];
     }
     for (Int i = 0; i < rows; i++) m->lam[k * rows + i] = -x[n + i];

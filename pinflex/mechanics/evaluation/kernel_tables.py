@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.bodies.track import Series, Track
 from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
@@ -358,7 +358,7 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
         first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
     at = zip(model.idx_vs.tolist(), model.nvs.tolist(), strict=True)
     rows = [slice(row, row + count) for row, count in at][1:]
-    starts = np.unique([first[at].min() for at in rows])
+    starts = distinct([first[at].min() for at in rows])
     ends = np.append(starts[1:], nv + expansion.n_eta)
     of = np.searchsorted(starts, first, side="right") - 1
     lanes = -(-(ends - starts) // _LANES)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct, others
 from pinflex.kernel.evaluate import Spares, Tables
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.kinks import Kinks
@@ -134,12 +134,12 @@ class System:
     @cached_property
     def free(self) -> IntArray:
         """Velocity rows that neither motors nor the rigid level hold."""
-        return np.setdiff1d(self.unheld, self.motors).astype(np.intp)
+        return others(self.nv, distinct(self.held, self.motors))
 
     @cached_property
     def unheld(self) -> IntArray:
         """Velocity rows that move: those of motors among them."""
-        return np.setdiff1d(np.arange(self.nv), self.held).astype(np.intp)
+        return others(self.nv, self.held)
 
     @cached_property
     def uncovered(self) -> str | None:
@@ -198,4 +198,4 @@ class Idle:
     @property
     def held(self) -> IntArray:
         """Rows that all levels but coupled hold."""
-        return np.union1d(self.rows, self.base).astype(np.intp)
+        return distinct(self.rows, self.base)

@@ -13,7 +13,7 @@ Int, Pointer = ctypes.c_int64, ctypes.c_void_p
 
 def test_structures_have_the_fields_of_the_sources(monkeypatch):
     text = "typedef struct { Int n, *at; double x; } In;\ntypedef struct { In in; double y; } Out;"
-    monkeypatch.setattr(library, "_text", lambda: text)
+    monkeypatch.setattr(library, "_commented", lambda: text)
     for cached in (library._structures, library.structure):
         cached.cache_clear()
     try:
