@@ -78,27 +78,32 @@ def _referred(mechanism: Mechanism, motion: Motion, control: Control, end: float
     path = path_between(mechanism, motion, 0.0, end)
     home = motor_axes(mechanism).read(mechanism.home)
 
-    def told(t: Array) -> Array:
-        of = path(t)
-        return np.stack([of.position - home, of.velocity], axis=1)
-
-    motors = _sampled(told, control.period, 0.0, 0.0, end)
-    followed, at = _motors(mechanism, control.follow, control.measures)
     n, given_rate = len(control.measures), None if pid is None else pid.rate
     given = control.reference if pid is None else pid.reference
+    followed, at = _motors(mechanism, control.follow, control.measures)
+    other = np.setdiff1d(np.arange(n), followed)
 
-    def reference(t: float) -> Array:
-        m = np.zeros(n)
-        if given is not None:
-            m[:] = given(t)
-        m[followed] = motors(t)[0, at]
+    def told(t: Array) -> Array:
+        of, found = path(t), np.zeros((len(t), 2, n))
+        found[:, 0, followed] = (of.position - home)[:, at]
+        found[:, 1, followed] = of.velocity[:, at]
+        return found
+
+    motors = _sampled(told, control.period, 0.0, 0.0, end)
+
+    def of_motors(t: float, row: int, given: Callable[[float], Array] | None) -> Array:
+        m = np.array(motors(t)[row])
+        if given is not None and len(other):
+            m[other] = np.broadcast_to(given(t), n)[other]
         return m
 
+    def reference(t: float) -> Array:
+        return of_motors(t, 0, given)
+
     def rate(t: float) -> Array:
-        v = np.zeros(n)
-        if given_rate is not None:
-            v[:] = given_rate(t)
-        v[followed] = motors(t)[1, at] if t <= end else 0.0
+        v = of_motors(t, 1, given_rate)
+        if t > end:
+            v[followed] = 0.0
         return v
 
     if pid is not None:
@@ -148,7 +153,8 @@ Progress = Callable[[int, int], None]
 # Under a digital controller its holds keep steps short, and four states go side by side. What
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
-_FEW_STAGES, _HELD_NEWTON = 4, 2e-6
+_FEW_STAGES, _HELD_NEWTON, _HELD_SLOW = 4, 2e-6, 0.01
+MORE = 1.5  # steps of a hold, of those that a coarser run took
 _AT_END = 1e-7  # of the run: a break so near its end is none
 _SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
@@ -312,16 +318,18 @@ class Scene:
         progress: Progress | None = None,
         coarser: Run | None = None,
         pilot: bool = False,
-        finer: int = 0,
     ) -> Run:
         """The run at samples t in steps that follow the motion, on the kernel.
 
-        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
+        A coarser run tells how far the mechanism moves in all, and how many steps a hold of a
+        digital controller took: now it takes more. A pilot is the first of them.
         """
-        scale = 0.0 if coarser is None else coarser.settings["scale"]
+        scale, taken = 0.0, 0.0
+        if coarser is not None:
+            scale, taken = coarser.settings["scale"], coarser.cost["steps"]
         first = collocation.SHORT if scale > 0.0 else collocation.LONG
         record = Record(self._system, t, resolution)
-        return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, finer)
+        return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, taken)
 
     def kept(
         self,
@@ -332,13 +340,13 @@ class Scene:
         scale: float,
         progress: Progress | None = None,
         pilot: bool = False,
-        finer: int = 0,
+        taken: float = 0.0,
         judge: Equations | None = None,
     ) -> Run:
         """The run at samples t as a keeper of its steps has it, on the kernel."""
 
         def march(problem: Problem) -> Run:
-            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], finer)
+            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], taken)
             stops = {RESTARTS: breaks(self.motion, self._loads), HOLDS: instants}
             return collocation.integrate(
                 self.mechanism.name, steps, self._begun, t, stops, keeper(steps), first, scale,
@@ -429,7 +437,7 @@ class Scene:
         steps = Radau(problem, method, self.by_forces)
         if self.sampled:
             part = max(_HELD_NEWTON * resolution, FIRM.relative)
-            steps.tolerance = replace(FIRM, relative=part)
+            steps.tolerance, steps.slow = replace(FIRM, relative=part), _HELD_SLOW
         return steps
 
     @property
@@ -569,9 +577,16 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
         stop.result = start.told(stop.result)
 
 
-def _instants(problem: Problem, end: float, finer: int = 0) -> tuple[float, ...]:
-    """Times before `end` at which a digital controller acts, and cuts of the times between [s]."""
-    return () if problem.sampler is None else problem.sampler.instants(float(end), 2**finer)
+def _instants(problem: Problem, end: float, taken: float = 0.0) -> tuple[float, ...]:
+    """Times before `end` at which a digital controller acts, and cuts of the times between [s].
+
+    `taken`: steps of a coarser run.
+    """
+    if problem.sampler is None:
+        return ()
+    found = problem.sampler.instants(float(end))
+    parts = round(MORE * taken / len(found))
+    return found if parts < 2 else problem.sampler.instants(float(end), parts)
 
 
 def _with(ends: Array, corners: Array) -> Array:
