@@ -9,6 +9,8 @@ round-off sets, and the last run that differed tells how high that is.
 
 from __future__ import annotations
 
+import time
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -20,6 +22,7 @@ import numpy as np
 from pinflex.actuation.drive import breaks
 from pinflex.arrays import Array
 from pinflex.description.solve import ASKED, SolveSpec
+from pinflex.doors import door
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.collocation import Alpha, Collocation
 from pinflex.integrators.march import SHORT, Radau
@@ -27,6 +30,7 @@ from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.modes import default_step, modes
 from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.levels.quasistatic import UnstableWarning
 from pinflex.results.views import statistics
 from pinflex.solver.force_errors import elastic_apart, force_errors
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
@@ -209,8 +213,8 @@ class _OneRun:
         settle = judge.inside(breaks(self.scene.motion, self.dynamics.system.loads), run)
         once, twice = (replace(x, settle=settle) for x in judge.runs())
         judged = force_errors(self.scene.mechanism, once, twice, PART) if error else None
-        warnings = (*run.warnings, *ringing(self.scene, run))
-        return replace(run, settings=settings, warnings=warnings, settle=settle, judged=judged)
+        words = (*run.warnings, *ringing(self.scene, run))
+        return replace(run, settings=settings, warnings=words, settle=settle, judged=judged)
 
     def _at_samples(self, run: Run) -> Run:
         """At those that were asked for."""
@@ -227,6 +231,8 @@ _COARSEST = 8e-3  # resolution under a digital controller: a coarser run is no m
 _CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
 _ABRUPT = 3  # the same with contacts, which multiply what runs differ by: the last is answered then
+_LASTS = 0.5  # s: a run that nobody need be told of
+_GOES_ON = "The run goes on; Ctrl-C ends it with what there is by then."
 _WINDOWS = (1 / 64, 1 / 16, 1 / 4, 1.0)  # of a run: whether another one has parted from it by then
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
@@ -278,6 +284,8 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
         return scene.resolved(t, resolution, progress, coarser, pilot)
 
     abrupt = scene.sticks or scene.bends
+    if scene.sampled:
+        progress = _watched(scene, float(t[-1]), progress)
     if scene.sampled and not abrupt:
         first = min(_HELD * tol, _COARSEST)
         return _Refinement(scene, t, tol, attempt, first, _HELD_FINER, MORE - 1.0, 1.0).run()
@@ -286,6 +294,27 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
     return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
+
+
+def _watched(scene: Scene, end: float, progress: Progress | None) -> Progress:
+    """Progress of runs, which says once they last whether the loop of their controller is stable.
+
+    Not before: eigenvalues take a twentieth of a short run, and load scipy.linalg.
+    """
+    began, asked = time.perf_counter(), False
+
+    def watch(done: int, of: int) -> None:
+        nonlocal asked
+        if not asked and time.perf_counter() - began > _LASTS:
+            asked = True
+            n, check = int(scene.mechanism.rigid.nq), door("studies.margins", "unstable")
+            times, pose = np.array([0.0, end]), scene.start.y[None, :n]
+            for words in check(scene.mechanism, scene.control, scene.spec, times, pose):
+                warnings.warn(f"{words} {_GOES_ON}", UnstableWarning, stacklevel=2)
+        if progress is not None:
+            progress(done, of)
+
+    return watch
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -484,10 +513,10 @@ class _Refinement:
         error = {key: max(e / self.gain, ROUND_OFF) for key, e in differ.items()}
         settings: Settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
-        warnings = (*fine.warnings, *ringing(self.scene, fine))
+        words = (*fine.warnings, *ringing(self.scene, fine))
         # Of forces the vibration that steps under a controller lose is told beside that.
         judged = force_errors(self.scene.mechanism, coarse, fine, max(self.gain, 1.0))
-        return replace(fine, settings=settings, cost=each, warnings=warnings, judged=judged)
+        return replace(fine, settings=settings, cost=each, warnings=words, judged=judged)
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None
