@@ -23,6 +23,7 @@ from pinflex.description.blocks.control import (
     linear_law,
 )
 from pinflex.errors import DescriptionError, nearest
+from pinflex.linalg import null_space
 from pinflex.mechanics.evaluation.compiled import require_steps
 from pinflex.mechanics.evaluation.equations import Equations
 
@@ -384,6 +385,33 @@ def require_instants(mechanism: Mechanism, control: Control, end: float) -> None
     """Raise where a run of `end` (s) would have far too many samples."""
     assert control.period is not None
     require_steps(mechanism, int(min(np.ceil(end / control.period), 1e12)), end, "control.period")
+
+
+_NO_MASS = 1e-11  # of a mass matrix with a diagonal of ones: round-off
+
+
+def require_masses(
+    mechanism: Mechanism, feedback: Feedback, dynamics: Equations, y: Array, rows: IntArray
+) -> None:
+    """Raise where a drive pushes, at a pose y (nq,), what nothing gives a mass; rows: that move.
+
+    Its speed, and without a damper its position, would jump with the output at every sample.
+    """
+    M, J = dynamics.mass(y)[np.ix_(rows, rows)], dynamics.close(y).J[:, rows]
+    size = np.sqrt(np.diag(M))
+    size[size == 0.0] = 1.0
+    scaled = M / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled)[0] > _NO_MASS:
+        return
+    still = null_space(np.concatenate([scaled, J / size]), _NO_MASS) / size[:, None]
+    pushed = np.abs(feedback.B[rows].T @ still).max(axis=1, initial=0.0)
+    for label, push in zip(feedback.control.labels, pushed, strict=True):
+        if push > _NO_MASS:
+            raise DescriptionError(
+                f"{mechanism.name}: control: {label} pushes what has no mass: its speed would jump "
+                "at every sample. Give its joint a rotor_inertia or what it moves a mass, or "
+                "drive another joint."
+            )
 
 
 def fresh_law(control: Control) -> Any:

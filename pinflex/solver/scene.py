@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, path_between
-from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
+from pinflex.actuation.feedback import (
+    Sampler,
+    drives_motors,
+    place,
+    require_instants,
+    require_masses,
+)
 from pinflex.actuation.path import MotorPath, motor_axes
 from pinflex.arrays import Array
 from pinflex.description.blocks.control import Control
@@ -443,6 +449,8 @@ class Scene:
         require_instants(self.mechanism, control, end)
         control = self._following(end)
         feedback = place(self.mechanism, control, prescribed=drive is None)
+        rows = self._system.free if drive is None else self._system.unheld
+        require_masses(self.mechanism, feedback, dynamics, self.start.y, rows)
         sampler = Sampler(self.mechanism, feedback, dynamics, drive is not None)
         if drive is not None and drives_motors(self.mechanism, control):
             # motors that it does not drive keep the drive they have

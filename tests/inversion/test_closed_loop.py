@@ -12,6 +12,8 @@ Claims:
       | 4e-5; 0.1 of it
     - the same where what lies between has no mass, with and without dampers | exponential of its
       matrix | 1e-6 | 7e-9
+    - what has no mass is not pushed: refused; a plate with a rotor on a damper | exponential | 1e-3
+      (the tolerance) | passes
     - `control` with `period` in the YAML: PID with limit and delay; motion followed with the rigid
       torque | law as a loop on the exact discrete mass; a controller made in Python from the
       motion's formula | 1e-12; 1e-6 rad | passes; 1e-9
@@ -224,6 +226,37 @@ def test_what_has_no_mass_begins_a_hold_in_balance(
     apart = np.abs(a - exact)[1:] / np.abs(exact).max(axis=0)  # at the start the pin's is any
     assert apart.max() < 1e-3, apart.max(axis=0)  # the tolerance
     assert apart[4::5].max() < 1e-6  # just after instants
+
+
+@pytest.mark.parametrize("rotor", [0.0, 1e-4])
+def test_what_has_no_mass_is_not_pushed_by_a_held_force(rotor: float, tmp_path: Path) -> None:
+    """A plate on a damper: without mass d v = u jumps; with a rotor's, u (1 - exp(-d t / m))."""
+    d, push, period, parts = 2.0, 3.0, 1e-3, 20
+    robot = scenes.load(
+        tmp_path,
+        [
+            scenes.Body("cart", "base", "prismatic", axis=(0, 1, 0), mass=CART),
+            scenes.Body("plate", "base", "prismatic", axis=(0, 1, 0)),
+        ],
+        "gravity: [0, 0, 0]\nactuated: [cart_joint]\nplatform: plate\n"
+        f"joints: {{plate_joint: {{damper: {d}, rotor_inertia: {rotor}}}}}\n"
+        "motion: {kind: hold, duration: 0.01}\n",
+    )
+    control = pf.Control(
+        (pf.Travel("cart_joint"),), (pf.Effort("plate_joint"),),
+        lambda t, m, rate, total: np.array([push if t < 4.5 * period else -push]), period=period,
+        limit=(np.inf,),
+    )  # fmt: skip
+    keys = {"level": "coupled", "control": control, "samples": 10 * parts + 1, "tol": 1e-3}
+    if not rotor:
+        with pytest.raises(pf.DescriptionError, match="plate_joint pushes what has no mass"):
+            pf.solve(robot, **keys)
+        return
+    found = pf.solve(robot, **keys).joint("plate_joint").velocity
+    t = period / parts * np.arange(10 * parts + 1)
+    late = np.maximum(t - 5 * period, 0.0)
+    exact = push / d * (1 - np.exp(-d * t / rotor) - 2 * (1 - np.exp(-d * late / rotor)))
+    assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()  # the tolerance
 
 
 def test_what_rests_before_a_load_comes_begins_with_what_that_does(tmp_path: Path) -> None:
