@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from pinflex.description.blocks.control import (
     linear_law,
 )
 from pinflex.errors import DescriptionError, nearest
+from pinflex.linalg import null_space
 from pinflex.mechanics.evaluation.compiled import require_steps
 from pinflex.mechanics.evaluation.equations import Equations
 
@@ -33,6 +34,18 @@ if TYPE_CHECKING:
 # What a control measured and drove along a run.
 
 
+class Held(NamedTuple):
+    """What a digital controller held: from t (k,) s on generalised forces, shape (k, nv).
+
+    Attributes:
+        free: Velocity rows that move.
+    """
+
+    t: Array
+    force: Array
+    free: IntArray
+
+
 @dataclass(frozen=True)
 class Signals:
     """What a control did.
@@ -40,7 +53,7 @@ class Signals:
     Attributes:
         names: Of the drives. B: Forces per drive, shape (nv, nu).
         u: Drives (V | N m | N), shape (nt, nu). measured: m (m | rad), shape (nt, nm).
-        said: Of a digital controller that shakes its robot, a sentence.
+        said: Of a digital controller that shakes its robot, a sentence. held: By a digital one.
     """
 
     names: tuple[str, ...]
@@ -48,6 +61,7 @@ class Signals:
     u: Array
     measured: Array
     said: tuple[str, ...] = ()
+    held: Held | None = None
 
     def at(self, k: slice | IntArray) -> Signals:
         """The same at some of the times."""
@@ -257,11 +271,13 @@ class Sampler:
         self._law: Any = fresh_law(control)
         self._limit = _limit(mechanism, control)
         self._motors = dynamics.system.motors if free else dynamics.system.motors[:0]
+        self._moving = dynamics.system.unheld if free else dynamics.system.free
         self._other = feedback.B.copy()
         self._other[self._motors] = 0.0
         self.driven = np.any(feedback.B[self._motors] != 0.0, axis=1)
         n = len(feedback.S)
         self._last, self._total = np.zeros(n), np.zeros(n)
+        self._flat = len(feedback.home) == len(feedback.B)
         self._next = 0  # number of the sample that comes
         self._waiting: deque[tuple[float, Array]] = deque()
         self._log: list[tuple[float, Array]] = []
@@ -299,13 +315,12 @@ class Sampler:
 
     def signals(self, t: Array, y: Array) -> Signals:
         """What it measured and drove, seen at times t (nt,) of a run with poses y (nt, nq)."""
-        times = np.array([when for when, _ in self._log])
+        times, every = (np.array(x) for x in zip(*self._log, strict=True))
         at = np.searchsorted(times, t + _EARLY * self.period, side="right") - 1
-        u = np.array([u for _, u in self._log])[np.maximum(at, 0)]
-        one = self.feedback
-        m = np.array([one.S @ self._dynamics.difference(one.home, pose) for pose in y])
-        m = m.reshape(len(t), len(one.S))
-        return Signals(one.control.labels, self._other, u, m, self._said())
+        u, one = every[np.maximum(at, 0)], self.feedback
+        m = np.array([self._measured(pose) for pose in y]).reshape(len(t), len(one.S))
+        held = Held(times, every @ one.B.T, self._moving)
+        return Signals(one.control.labels, self._other, u, m, self._said(), held)
 
     def _said(self) -> tuple[str, ...]:
         """A sentence where an output turns round at nearly every sample in the end; or none."""
@@ -327,8 +342,7 @@ class Sampler:
         )
 
     def _sample(self, t: float, y: Array, v: Array) -> None:
-        one, control = self.feedback, self.feedback.control
-        m = one.S @ self._dynamics.difference(one.home, y)
+        one, control, m = self.feedback, self.feedback.control, self._measured(y)
         if self._next:
             self._total = self._total + 0.5 * self.period * (self._last + m)
         self._last = m
@@ -338,11 +352,16 @@ class Sampler:
                 f"control.law: gives shape {asked.shape} for {len(self._limit)} drives. Return "
                 "one each."
             )
-        asked = asked + self._forward(t + control.delay + 0.5 * self.period)
+        if control.forward is not None:
+            asked = asked + self._forward(t + control.delay + 0.5 * self.period)
         given = self._clip(asked)
         if hasattr(self._law, "applied"):
             self._law.applied(asked, given)
         self._waiting.append((t + control.delay, given))
+
+    def _measured(self, y: Array) -> Array:
+        home = self.feedback.home
+        return self.feedback.S @ (y - home if self._flat else self._dynamics.difference(home, y))
 
     def _forward(self, t: float) -> Array:
         forward = self.feedback.control.forward
@@ -366,6 +385,33 @@ def require_instants(mechanism: Mechanism, control: Control, end: float) -> None
     """Raise where a run of `end` (s) would have far too many samples."""
     assert control.period is not None
     require_steps(mechanism, int(min(np.ceil(end / control.period), 1e12)), end, "control.period")
+
+
+_NO_MASS = 1e-11  # of a mass matrix with a diagonal of ones: round-off
+
+
+def require_masses(
+    mechanism: Mechanism, feedback: Feedback, dynamics: Equations, y: Array, rows: IntArray
+) -> None:
+    """Raise where a drive pushes, at a pose y (nq,), what nothing gives a mass; rows: that move.
+
+    Its speed, and without a damper its position, would jump with the output at every sample.
+    """
+    M, J = dynamics.mass(y)[np.ix_(rows, rows)], dynamics.close(y).J[:, rows]
+    size = np.sqrt(np.diag(M))
+    size[size == 0.0] = 1.0
+    scaled = M / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled)[0] > _NO_MASS:
+        return
+    still = null_space(np.concatenate([scaled, J / size]), _NO_MASS) / size[:, None]
+    pushed = np.abs(feedback.B[rows].T @ still).max(axis=1, initial=0.0)
+    for label, push in zip(feedback.control.labels, pushed, strict=True):
+        if push > _NO_MASS:
+            raise DescriptionError(
+                f"{mechanism.name}: control: {label} pushes what has no mass: its speed would jump "
+                "at every sample. Give its joint a rotor_inertia or what it moves a mass, or "
+                "drive another joint."
+            )
 
 
 def fresh_law(control: Control) -> Any:

@@ -369,7 +369,8 @@ class _Study:
 
     def _apart(self, a: error_bars.Look, b: error_bars.Look) -> Errors:
         """How far one look differs from another in what is asked for."""
-        outputs = (key for key in error_bars.OF_POSES if key.split()[0] in self.plain.asked)
+        asked = {*self.plain.asked} | {"motor" for key in self.plain.asked if key == "torque"}
+        outputs = (key for key in error_bars.OF_POSES if key.split()[0] in asked)
         return error_bars.differences(a, b, tuple(outputs))
 
     def _scene(self, model: Mechanism, level: str) -> Scene:

@@ -11,10 +11,16 @@ from typing import Any
 import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, path_between
-from pinflex.actuation.feedback import Sampler, drives_motors, place, require_instants
+from pinflex.actuation.feedback import (
+    Sampler,
+    drives_motors,
+    place,
+    require_instants,
+    require_masses,
+)
 from pinflex.actuation.path import MotorPath, motor_axes
-from pinflex.arrays import Array, IntArray
-from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
+from pinflex.arrays import Array
+from pinflex.description.blocks.control import Control
 from pinflex.description.motions.motion import Motion
 from pinflex.description.solve import SolveSpec
 from pinflex.errors import DescriptionError, RunInterrupted, SceneError
@@ -33,122 +39,17 @@ from pinflex.mechanics.evaluation.compiled import require_steps, serves
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import Loads
+from pinflex.solver.following import following
 from pinflex.solver.resume import state
-
-# What a digital controller takes from the motion: references of motors and rigid torques.
-
-_SAME_INSTANT = 1e-9  # of a period: times so near are one
-
-
-def following(
-    mechanism: Mechanism,
-    motion: Motion,
-    control: Control,
-    end: float,
-    torques: Callable[[float, float], Callable[[Array], Array]],
-) -> Control:
-    """The control with what its `follow` and `rigid_torque` ask for."""
-    found = control
-    if any(control.follow):
-        found = _referred(mechanism, motion, found, end)
-    if any(control.rigid_torque):
-        own = control.forward
-        fed, at = _motors(mechanism, control.rigid_torque, control.drives)
-        torque = _sampled(torques(0.0, end), control.period, 0.5, control.delay, end)
-
-        def forward(t: float) -> Array:
-            u = np.zeros(len(control.drives)) if own is None else np.array(own(t), float)
-            u[fed] += torque(t)[at]
-            return u
-
-        found = replace(found, forward=forward)
-    return replace(found, follow=(), rigid_torque=())
-
-
-def _referred(mechanism: Mechanism, motion: Motion, control: Control, end: float) -> Control:
-    """References of the followed measures: travel and speed that the motion gives their motors."""
-    law = control.law
-    pid = law if isinstance(law, DigitalPid) else None
-    if pid is None and not is_system(law):
-        raise DescriptionError(
-            "control.follow: a function of time knows its own reference. Take digital_pid or a "
-            "system as law."
-        )
-    path = path_between(mechanism, motion, 0.0, end)
-    home = motor_axes(mechanism).read(mechanism.home)
-
-    def told(t: Array) -> Array:
-        of = path(t)
-        return np.stack([of.position - home, of.velocity], axis=1)
-
-    motors = _sampled(told, control.period, 0.0, 0.0, end)
-    followed, at = _motors(mechanism, control.follow, control.measures)
-    n, given_rate = len(control.measures), None if pid is None else pid.rate
-    given = control.reference if pid is None else pid.reference
-
-    def reference(t: float) -> Array:
-        m = np.zeros(n)
-        if given is not None:
-            m[:] = given(t)
-        m[followed] = motors(t)[0, at]
-        return m
-
-    def rate(t: float) -> Array:
-        v = np.zeros(n)
-        if given_rate is not None:
-            v[:] = given_rate(t)
-        v[followed] = motors(t)[1, at] if t <= end else 0.0
-        return v
-
-    if pid is not None:
-        return replace(control, law=replace(pid, reference=reference, rate=rate))
-    return replace(control, reference=reference)
-
-
-def _sampled(
-    function: Callable[[Array], Array], period: float | None, part: float, delay: float, end: float
-) -> Callable[[float], Array]:
-    """A function of times as one of single times; at (k + part) period + delay it is known.
-
-    Past the end (s) of the run it stays as it is there.
-    """
-    assert period is not None
-    begin = part * period + delay
-    times = begin + np.arange(int(end / period) + 2) * period
-    values = list(function(np.minimum(times, end)))
-
-    def at(t: float) -> Array:
-        x = (t - begin) / period
-        k = round(x)
-        if 0 <= k < len(values) and abs(x - k) <= _SAME_INSTANT:
-            return np.asarray(values[k])
-        return np.asarray(function(np.array([min(t, end)]))[0])
-
-    return at
-
-
-def _motors(
-    mechanism: Mechanism, asked: tuple[bool, ...], those: tuple[object, ...]
-) -> tuple[IntArray, IntArray]:
-    """Numbers of what is asked for, and of its motors."""
-    names = list(mechanism.motors)
-    picked = [k for k, on in enumerate(asked) if on]
-    joints = [one.joint for k in picked if isinstance(one := those[k], Travel | Effort)]
-    unknown = [joint for joint in joints if joint not in names]
-    if unknown:
-        raise DescriptionError(
-            f"{mechanism.name}: control: {unknown[0]} is no motor, and the motion tells what "
-            f"motors do. Motors: {', '.join(names)}."
-        )
-    return np.array(picked), np.array([names.index(joint) for joint in joints])
-
 
 Progress = Callable[[int, int], None]
 # Under a digital controller its holds keep steps short, and four states go side by side. What
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
-_FEW_STAGES, _HELD_NEWTON = 4, 2e-6
+_FEW_STAGES, _HELD_NEWTON, _HELD_SLOW = 4, 2e-6, 0.01
+MORE = 1.5  # steps of a hold, of those that a coarser run took
 _AT_END = 1e-7  # of the run: a break so near its end is none
+_SAME_INSTANT = 1e-9  # of a step: times so near are one
 _SAME = 1e-9  # of the run: times nearer than this are one
 _FEW = 400  # steps below which a run may be too coarse for its first mode
 _PER_PERIOD = 10.0  # steps that a vibration needs at the least
@@ -311,16 +212,18 @@ class Scene:
         progress: Progress | None = None,
         coarser: Run | None = None,
         pilot: bool = False,
-        finer: int = 0,
     ) -> Run:
         """The run at samples t in steps that follow the motion, on the kernel.
 
-        A coarser run tells how far the mechanism moves in all; a pilot is the first of them.
+        A coarser run tells how far the mechanism moves in all, and how many steps a hold of a
+        digital controller took: now it takes more. A pilot is the first of them.
         """
-        scale = 0.0 if coarser is None else coarser.settings["scale"]
+        scale, taken = 0.0, 0.0
+        if coarser is not None:
+            scale, taken = coarser.settings["scale"], coarser.cost["steps"]
         first = collocation.SHORT if scale > 0.0 else collocation.LONG
         record = Record(self._system, t, resolution)
-        return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, finer)
+        return self.kept(t, resolution, lambda _: record, first, scale, progress, pilot, taken)
 
     def kept(
         self,
@@ -331,13 +234,13 @@ class Scene:
         scale: float,
         progress: Progress | None = None,
         pilot: bool = False,
-        finer: int = 0,
+        taken: float = 0.0,
         judge: Equations | None = None,
     ) -> Run:
         """The run at samples t as a keeper of its steps has it, on the kernel."""
 
         def march(problem: Problem) -> Run:
-            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], finer)
+            steps, instants = self._radau(problem, resolution), _instants(problem, t[-1], taken)
             stops = {RESTARTS: breaks(self.motion, self._loads), HOLDS: instants}
             return collocation.integrate(
                 self.mechanism.name, steps, self._begun, t, stops, keeper(steps), first, scale,
@@ -428,7 +331,7 @@ class Scene:
         steps = Radau(problem, method, self.by_forces)
         if self.sampled:
             part = max(_HELD_NEWTON * resolution, FIRM.relative)
-            steps.tolerance = FIRM._replace(relative=part)
+            steps.tolerance, steps.slow = FIRM._replace(relative=part), _HELD_SLOW
         return steps
 
     @property
@@ -545,6 +448,8 @@ class Scene:
         require_instants(self.mechanism, control, end)
         control = self._following(end)
         feedback = place(self.mechanism, control, prescribed=drive is None)
+        rows = self._system.free if drive is None else self._system.unheld
+        require_masses(self.mechanism, feedback, dynamics, self.start.y, rows)
         sampler = Sampler(self.mechanism, feedback, dynamics, drive is not None)
         if drive is not None and drives_motors(self.mechanism, control):
             # motors that it does not drive keep the drive they have
@@ -568,9 +473,16 @@ def _tell(stop: SceneError | RunInterrupted, start: Start) -> None:
         stop.result = start.told(stop.result)
 
 
-def _instants(problem: Problem, end: float, finer: int = 0) -> tuple[float, ...]:
-    """Times before `end` at which a digital controller acts, and cuts of the times between [s]."""
-    return () if problem.sampler is None else problem.sampler.instants(float(end), 2**finer)
+def _instants(problem: Problem, end: float, taken: float = 0.0) -> tuple[float, ...]:
+    """Times before `end` at which a digital controller acts, and cuts of the times between [s].
+
+    `taken`: steps of a coarser run.
+    """
+    if problem.sampler is None:
+        return ()
+    found = problem.sampler.instants(float(end))
+    parts = round(MORE * taken / len(found))
+    return found if parts < 2 else problem.sampler.instants(float(end), parts)
 
 
 def _with(ends: Array, corners: Array) -> Array:

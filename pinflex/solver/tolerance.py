@@ -9,32 +9,32 @@ round-off sets, and the last run that differed tells how high that is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.arrays import Array, IntArray, distinct
+from pinflex.arrays import Array, distinct
 from pinflex.description.solve import ASKED, SolveSpec
+from pinflex.doors import door
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.collocation import AlphaScheme, Collocation
 from pinflex.integrators.march import SHORT, Radau
 from pinflex.integrators.problem import Run, Settings
 from pinflex.levels.ked import method_of
 from pinflex.levels.modes import default_step, modes
-from pinflex.levels.outputs import ROUND_OFF, Outputs, output_differences
-from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.mechanism import Mechanism
-from pinflex.recovery.kinematics import Samples
-from pinflex.recovery.links import forces, sections
-from pinflex.results.result import Result
+from pinflex.levels.outputs import ROUND_OFF, Outputs
+from pinflex.levels.quasistatic import UnstableWarning
 from pinflex.results.views import statistics
+from pinflex.solver.force_errors import elastic_apart, force_errors
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.threads import one_blas_thread
+from pinflex.solver.scene import MORE
 
 if TYPE_CHECKING:
     from pinflex.solver.scene import Progress, Scene
@@ -87,78 +87,6 @@ def ringing(scene: Scene, run: Run) -> tuple[str, ...]:
         "not need it, write `damping: {modal: 0.01}`, which lets it die (for one run: --set "
         f"'damping={{modal: 0.01}}');{spared}{woken} a smoother motion does not wake it.",
     )
-
-
-# How far two runs of one system differ in what follows from accelerations: forces and stresses.
-#
-# Stress and section forces relative to their largest values, all sections of all links together;
-# the acceleration of the platform likewise. They take a pass over the samples: few are looked at,
-# those that differ most, and only where strain differs enough, or somebody asks.
-
-_SAMPLES = 51  # the worst of so many pieces
-_FORCES = ("stress", "section forces", "platform acceleration")
-
-Told = Callable[[], Mapping[str, float]]
-
-
-def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> Told:
-    """Function that finds the estimated errors, once."""
-
-    @cache
-    def told() -> dict[str, float]:
-        some = _worst_of_run(coarse, fine)
-        with one_blas_thread():
-            a, b = (_of_forces(mechanism, run.at(some)) for run in (coarse, fine))
-            found = output_differences(a, b, of=_FORCES)
-        return {key: max(e / gain, ROUND_OFF) for key, e in found.items()}
-
-    return told
-
-
-def _of_forces(mechanism: Mechanism, run: Run) -> Result:
-    """What `_FORCES` are of in a run, and no more."""
-    samples, links = Samples(mechanism, run), [*mechanism.parts] if run.system.n_eta else []
-    arrays = {"torque": run.torque, **samples.kinematics.arrays}
-    if links:
-        arrays |= sections(samples) | forces(samples)
-    return Result(run.t, arrays, {"platform": mechanism.description.platform, "links": links})
-
-
-def _worst_of_run(coarse: Run, fine: Run) -> IntArray:
-    """Of samples in a row the one at which elastic forces, or what they accelerate, differ most."""
-    every, m = np.arange(len(fine.t)), int(fine.system.rigid.nv)
-    if len(every) <= _SAMPLES or not fine.system.n_eta:
-        return every
-    lift = _lift(Equations(fine.system).mass(fine.y[0])[m:, m:])
-    squares = _squares(fine, coarse.y - fine.y, lift)
-    size = np.max(squares / np.maximum(squares.max(axis=1, keepdims=True), 1e-300), axis=0)
-    return np.array([row[np.argmax(size[row])] for row in np.array_split(every, _SAMPLES)])
-
-
-def elastic_apart(coarse: Run, fine: Run, mass: Array) -> tuple[float, float]:
-    """Difference of two runs in strain, and in what elastic forces accelerate; of the largest."""
-    m = int(fine.system.rigid.nv)
-    lift = _lift(mass[m:, m:])
-    apart, whole = (
-        _squares(fine, y, lift).max(axis=1, initial=0.0) ** 0.5 for y in (coarse.y - fine.y, fine.y)
-    )
-    strain, force = (float(x / y) if y > 0.0 else 0.0 for x, y in zip(apart, whole, strict=True))
-    return strain, force
-
-
-def _lift(M: Array) -> Array:
-    """L with L L' the inverse of a mass matrix, without the coordinates that have no mass."""
-    w, V = np.linalg.eigh(M)
-    some = w > 1e-13 * max(float(w[-1]), 0.0) if len(w) else np.zeros(0, bool)
-    return np.asarray(V[:, some] / np.sqrt(w[some]))
-
-
-def _squares(run: Run, y: Array, lift: Array) -> Array:
-    """Energy of strain, and its forces squared over the mass (`_lift` of it), shape (2, nt)."""
-    m, eta = int(run.system.rigid.nv), y[:, int(run.system.rigid.nq) :]
-    force = eta @ run.system.K[m:, m:]
-    lifted = force @ lift
-    return np.abs([np.einsum("ki,ki->k", *x) for x in ((force, eta), (lifted, lifted))])
 
 
 _FIRST = 0.5  # resolution of the first steps, of the tolerance
@@ -285,8 +213,8 @@ class _OneRun:
         settle = judge.inside(breaks(self.scene.motion, self.dynamics.system.loads), run)
         once, twice = (replace(x, settle=settle) for x in judge.runs())
         judged = force_errors(self.scene.mechanism, once, twice, PART) if error else None
-        warnings = (*run.warnings, *ringing(self.scene, run))
-        return replace(run, settings=settings, warnings=warnings, settle=settle, judged=judged)
+        words = (*run.warnings, *ringing(self.scene, run))
+        return replace(run, settings=settings, warnings=words, settle=settle, judged=judged)
 
     def _at_samples(self, run: Run) -> Run:
         """At those that were asked for."""
@@ -296,10 +224,15 @@ class _OneRun:
 
 _STICKING = 1e-3  # resolution over tol where dry friction acts: a Newton loose beside the
 # smoothing speed makes a joint that comes to rest bounce, which costs ten times the steps
+# The same under a digital controller (six motors of a ur5 at 1e-3: the first run errs by 0.05 tol,
+# at 8.0 by 1.4), and what the next one's is less by: four stages take half as many steps again.
+_HELD, _HELD_FINER = 2.0, 6.0
 _COARSEST = 8e-3  # resolution under a digital controller: a coarser run is no measure of the next
 _CONTACTS = 0.3  # the same where parts meet
 _ROUNDS = 8
 _ABRUPT = 3  # the same with contacts, which multiply what runs differ by: the last is answered then
+_LASTS = 0.5  # s: a run that nobody need be told of
+_GOES_ON = "The run goes on; Ctrl-C ends it with what there is by then."
 _WINDOWS = (1 / 64, 1 / 16, 1 / 4, 1.0)  # of a run: whether another one has parted from it by then
 _NUDGE = 1e-9  # rad/s or m/s: by which the speeds of a third start are others
 _PLAIN = 4.0  # first step of a plain run, of the default one: a tenth of the third mode's period
@@ -338,25 +271,50 @@ def by_refinement(scene: Scene, t: Array, tol: float, progress: Progress | None 
     two runs so far apart tell errors well. In a smooth motion it brings far more than threefold; a
     faint vibration that both leave unresolved makes them agree better than they should, so that
     less is trusted. Under a digital controller steps are often as long as it holds its outputs, at
-    every resolution: each run cuts these times in twice as many steps at least. What its jumps wake
-    is followed late, and Newton's rests add up: of what two runs differ by the finer one is off by
-    0.03 to 0.9, so that all of it is told, and need not be half of the tolerance. Where a joint
-    comes to rest, or two bodies touch, finer steps may bring nothing: there the run may be off by
-    all that the two differ by, and what the first step of a pilot misses would show as that.
+    every resolution: each run cuts these times in half as many steps again as the last one took.
+    What its jumps wake is followed late, and Newton's rests add up: errors that fall in proportion
+    to the steps, no faster, are twice what the two runs differ by. That is told, and need not be
+    half of the tolerance. Where a joint comes to rest, or two bodies touch, finer steps may bring
+    nothing: there the run may be off by all that the two differ by, and what the first step of a
+    pilot misses would show as that.
     """
 
     def attempt(resolution: float, coarser: Run | None, t: Array = t) -> Run:
-        finer = max(round(np.log(first / resolution) / np.log(_FINER)), 0)
         pilot = coarser is None and not abrupt
-        return scene.resolved(t, resolution, progress, coarser, pilot, finer)
+        return scene.resolved(t, resolution, progress, coarser, pilot)
 
     abrupt = scene.sticks or scene.bends
+    if scene.sampled:
+        progress = _watched(scene, float(t[-1]), progress)
+    if scene.sampled and not abrupt:
+        first = min(_HELD * tol, _COARSEST)
+        return _Refinement(scene, t, tol, attempt, first, _HELD_FINER, MORE - 1.0, 1.0).run()
     first = _STICKING * tol if abrupt else min(8.0 * tol, _COARSEST)
-    gain = 1.0 if abrupt or scene.sampled else 3.0
+    gain = 1.0 if abrupt else 3.0
     if scene.bends and not scene.sticks:
         first = _CONTACTS * tol
-    part = 1.0 if scene.sampled and not abrupt else _HALF
-    return _Refinement(scene, t, tol, attempt, first, _FINER, gain, part).run()
+    return _Refinement(scene, t, tol, attempt, first, _FINER, gain).run()
+
+
+def _watched(scene: Scene, end: float, progress: Progress | None) -> Progress:
+    """Progress of runs, which says once they last whether the loop of their controller is stable.
+
+    Not before: eigenvalues take a twentieth of a short run, and load scipy.linalg.
+    """
+    began, asked = time.perf_counter(), False
+
+    def watch(done: int, of: int) -> None:
+        nonlocal asked
+        if not asked and time.perf_counter() - began > _LASTS:
+            asked = True
+            n, check = int(scene.mechanism.rigid.nq), door("studies.margins", "unstable")
+            times, pose = np.array([0.0, end]), scene.start.y[None, :n]
+            for words in check(scene.mechanism, scene.control, scene.spec, times, pose):
+                warnings.warn(f"{words} {_GOES_ON}", UnstableWarning, stacklevel=2)
+        if progress is not None:
+            progress(done, of)
+
+    return watch
 
 
 def by_step_halving(scene: Scene, t: Array, tol: float, progress: Progress | None = None) -> Run:
@@ -555,9 +513,10 @@ class _Refinement:
         error = {key: max(e / self.gain, ROUND_OFF) for key, e in differ.items()}
         settings: Settings = {**fine.settings, "tol": self.tol, "error": error}
         each = {**self.cost, "last_steps": fine.cost["steps"], "runs": float(self.runs)}
-        warnings = (*fine.warnings, *ringing(self.scene, fine))
-        judged = force_errors(self.scene.mechanism, coarse, fine, self.gain)
-        return replace(fine, settings=settings, cost=each, warnings=warnings, judged=judged)
+        words = (*fine.warnings, *ringing(self.scene, fine))
+        # Of forces the vibration that steps under a controller lose is told beside that.
+        judged = force_errors(self.scene.mechanism, coarse, fine, max(self.gain, 1.0))
+        return replace(fine, settings=settings, cost=each, warnings=words, judged=judged)
 
     def _not_reached(self) -> ConvergenceError:
         assert self.last is not None

@@ -140,14 +140,15 @@ def unstable(
 ) -> tuple[str, ...]:
     """A sentence where the loop, linearised at poses that a run had at times t (s), is not stable.
 
-    It is where something grows by a factor e within the run. None for laws that are any function,
+    The last of the times is the end of the run; poses (k, nq) may be of the first k alone. It is
+    where something grows by a factor e within the run. None for laws that are any function,
     and for poses without equilibrium: nothing is known there.
     """
     period, free = control.period, drives_motors(mechanism, control) or spec.drive == "torque"
     assert period is not None
     with suppress(PinflexError, np.linalg.LinAlgError), one_blas_thread():
         law, placed = _law(mechanism.name, control), place(mechanism, control, not free)
-        for now, q in zip(t, poses, strict=True):
+        for now, q in zip(t, poses, strict=False):
             z = np.linalg.eigvals(_loop(mechanism, placed, law, free, q, spec)._closed(1.0))
             worst = z[np.argmax(np.abs(z))]
             grows = period / np.log(max(abs(worst), 1.0 + _OUTSIDE))

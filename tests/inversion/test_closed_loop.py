@@ -12,6 +12,8 @@ Claims:
       | 4e-5; 0.1 of it
     - the same where what lies between has no mass, with and without dampers | exponential of its
       matrix | 1e-6 | 7e-9
+    - what has no mass is not pushed: refused; a plate with a rotor on a damper | exponential | 1e-3
+      (the tolerance) | passes
     - `control` with `period` in the YAML: PID with limit and delay; motion followed with the rigid
       torque | law as a loop on the exact discrete mass; a controller made in Python from the
       motion's formula | 1e-12; 1e-6 rad | passes; 1e-9
@@ -36,6 +38,7 @@ from scipy.signal import StateSpace, cont2discrete, dlsim
 
 import pinflex as pf
 from pinflex.arrays import Array
+from pinflex.solver import tolerance
 
 J, PERIOD = 0.5, 0.01  # [kg m^2]; [s]
 ARM, HUB = (pf.Travel("arm_joint"),), (pf.Effort("arm_joint"),)
@@ -225,6 +228,37 @@ def test_what_has_no_mass_begins_a_hold_in_balance(
     assert apart[4::5].max() < 1e-6  # just after instants
 
 
+@pytest.mark.parametrize("rotor", [0.0, 1e-4])
+def test_what_has_no_mass_is_not_pushed_by_a_held_force(rotor: float, tmp_path: Path) -> None:
+    """A plate on a damper: without mass d v = u jumps; with a rotor's, u (1 - exp(-d t / m))."""
+    d, push, period, parts = 2.0, 3.0, 1e-3, 20
+    robot = scenes.load(
+        tmp_path,
+        [
+            scenes.Body("cart", "base", "prismatic", axis=(0, 1, 0), mass=CART),
+            scenes.Body("plate", "base", "prismatic", axis=(0, 1, 0)),
+        ],
+        "gravity: [0, 0, 0]\nactuated: [cart_joint]\nplatform: plate\n"
+        f"joints: {{plate_joint: {{damper: {d}, rotor_inertia: {rotor}}}}}\n"
+        "motion: {kind: hold, duration: 0.01}\n",
+    )
+    control = pf.Control(
+        (pf.Travel("cart_joint"),), (pf.Effort("plate_joint"),),
+        lambda t, m, rate, total: np.array([push if t < 4.5 * period else -push]), period=period,
+        limit=(np.inf,),
+    )  # fmt: skip
+    keys = {"level": "coupled", "control": control, "samples": 10 * parts + 1, "tol": 1e-3}
+    if not rotor:
+        with pytest.raises(pf.DescriptionError, match="plate_joint pushes what has no mass"):
+            pf.solve(robot, **keys)
+        return
+    found = pf.solve(robot, **keys).joint("plate_joint").velocity
+    t = period / parts * np.arange(10 * parts + 1)
+    late = np.maximum(t - 5 * period, 0.0)
+    exact = push / d * (1 - np.exp(-d * t / rotor) - 2 * (1 - np.exp(-d * late / rotor)))
+    assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()  # the tolerance
+
+
 def test_what_rests_before_a_load_comes_begins_with_what_that_does(tmp_path: Path) -> None:
     """Until then accelerations are round-off, of which no correction leaves a millionth."""
     load = "gravity: [0, 0, -9.81]\nactuated: [cart_joint]\nsolve: {start: static}\n"
@@ -325,7 +359,9 @@ def test_a_loop_that_begins_to_shake_late_is_named(free: pf.Mechanism) -> None:
     assert "arm_joint (by 40 each time)" in words
 
 
-def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
+def test_runs_that_an_unstable_loop_parts_end_with_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The last wrist of ur5 is too light for the gains of its arm: finer runs never agree."""
     joints = pf.load("ur5").motors
     control = pf.Control(
@@ -334,11 +370,13 @@ def test_runs_that_an_unstable_loop_parts_end_with_its_name() -> None:
         follow=(True,) * 6, rigid_torque=(True,) * 6,
     )  # fmt: skip
     # from limit to limit of 28 N m, but for a few samples
-    with pytest.raises(
-        pf.ConvergenceError, match=r"wrist_3_joint \(by 5[56]\S* each time"
-    ) as error:
+    monkeypatch.setattr(tolerance, "_LASTS", 0.0)  # s: from then on it is said beforehand, once
+    with (
+        pytest.warns(pf.UnstableWarning, match="linearised at t = 0 s .* goes on") as before,
+        pytest.raises(pf.ConvergenceError, match=r"wrist_3_joint \(by 5[56]\S* each time") as error,
+    ):
         pf.solve("ur5", level="coupled", control=control, until=0.2, tol=1e-2)
-    assert error.value.result.meta["cost"]["runs"] == 3
+    assert len(before) == 1 and error.value.result.meta["cost"]["runs"] == 3
 
 
 def with_block(robot: pf.Mechanism, block: str, *more: str) -> pf.Mechanism:

@@ -19,9 +19,10 @@ Claims:
       cart of 1 kN, time and model, each motor over its own peak | `tol` 1e-6; 2 segments with
       everything | told/true 0.5 to 10 | 0.77 to 2.1 (0.003 of the wrist's
       before)
-    - under a digital controller what is told of torque, deflection and platform covers the error:
-      ur5 (elbow, six motors), 3rrr with a delay, delta, an arm on a hub | `tol` 1e-6; 3rrr its
-      finest run | told/true above 1 | 1.2 to 160 (0.4 before)
+    - under a digital controller what is told of torque, deflection and platform, stress and the
+      platform's acceleration covers the error: ur5 (elbow, six motors), 3rrr with a delay, delta,
+      an arm on a hub | `tol` 1e-6; 3rrr its finest run | told/true above 1 | 1.3 to 590 (0.4
+      before); 1.5 to 2.0 of the forces of the hub, whose steps lose a mode (0.5 before)
     - identical runs are no estimate: the floor is said (race_r1, stretch, 6 modes) | - | error with
       the floor | 1.3e-5
     - the model's error bar covers 8 segments with stretch, and is not ten times too wide:
@@ -252,7 +253,10 @@ def held(model: str, folder: Path) -> tuple[pf.Mechanism, dict[str, object]]:
 def test_under_a_digital_controller_what_is_told_covers_the_error(
     model: str, tmp_path: Path
 ) -> None:
-    """A third of what two runs differ by, told before, was down to 0.4 of the error."""
+    """A third of what two runs differ by, told before, was down to 0.4 of the error.
+
+    Of a vibration that both leave out, two runs tell nothing: 0.5 of the hub's forces.
+    """
     robot, keys = held(model, tmp_path)
     keys |= {"level": "coupled", "samples": 101}
     rigid = pf.solve(robot, level="rigid", until=keys["until"], samples=101)
@@ -267,14 +271,20 @@ def test_under_a_digital_controller_what_is_told_covers_the_error(
             run.frame(str(robot.description.platform)).position
             - rigid.frame(str(robot.description.platform)).position
         )
-        return {"torque": run.torque, "deflection": bent, "platform position": place}
+        felt = run.array(f"frame/{robot.description.platform}/acceleration")[:, :3]
+        stress = np.concatenate([run.link(n).von_mises for n in run.links], axis=1)
+        return {"torque": run.torque, "deflection": bent, "platform position": place,
+                "stress": stress, "platform acceleration": felt}  # fmt: skip
 
     for tol in (1e-2, 1e-3):
         run = pf.solve(robot, tol=tol, **keys)
         told, found = run.errors.time, values(run)
         for key, true in values(exact).items():
             error = np.abs(found[key] - true).max() / np.abs(true).max()
-            assert error < told[key] <= tol
+            assert error < told[key]
+            assert told[key] <= tol or key in FORCES
+            # two steps in 50 ms lose what jumps wake at 45 Hz; told alone, it is its amplitude
+            assert model != "hub" or key not in FORCES or told[key] < 5 * error
 
 
 def test_identical_runs_are_no_estimate_and_the_floor_is_said() -> None:

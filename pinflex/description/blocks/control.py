@@ -69,9 +69,10 @@ class DigitalPid:
 
     def applied(self, asked: Array, given: Array) -> None:
         """Integrate the error, but not further into a limit, which left `given` of `asked`."""
-        beyond = asked - given
-        winding = beyond * self.ki * self._error > 0.0
-        self.integral = self.integral + ~winding * (self.period * self._error)
+        more, beyond = self.period * self._error, asked - given
+        if beyond.any():
+            more = more * ~(beyond * self.ki * self._error > 0.0)
+        self.integral = self.integral + more
 
 
 @public
