@@ -40,7 +40,7 @@ from pinflex.studies.checking.parts import (
     statics,
     summary,
 )
-from pinflex.studies.scenes.proposals import home_values
+from pinflex.studies.scenes.home import home_values
 from pinflex.text import angle, frozen, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 

@@ -19,7 +19,7 @@ from pinflex.arrays import Array
 from pinflex.description import sources
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.blocks.material import MATERIALS
-from pinflex.description.description import from_text, read
+from pinflex.description.description import from_text
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
 from pinflex.description.section import Section
@@ -30,10 +30,9 @@ from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
-from pinflex.studies.scenes.proposals import home_values, with_home
+from pinflex.studies.scenes.home import home_values
 from pinflex.text import plural
 from pinflex.viewer.surfaces import Surface, surfaces_of
-from pinflex.writing import replaced
 
 # Guesses of flexible links for a robot that nobody prepared: which links, and their sections.
 #
@@ -200,43 +199,6 @@ def _guess(
 def quoted(name: str) -> str:
     """A name as YAML takes it for a text."""
     return str(yaml.safe_dump(name, allow_unicode=True, width=10**6)).splitlines()[0]
-
-
-# The closed pose of a mechanism as the block `home` of its YAML, and writing it there.
-
-_PACKAGE = Path(__file__).resolve().parents[1]
-
-
-def write_home(mechanism: Mechanism) -> Path:
-    """Write the closed pose into the YAML that the mechanism was read from, and return its path.
-
-    Comments and all other lines stay; the file is replaced in one step, so that it is never half
-    written.
-
-    Raises:
-        DescriptionError: There is no such file, it came with pinflex, or it cannot be written.
-    """
-    path = mechanism.description.path
-    if path is None:
-        raise DescriptionError(f"{mechanism.name}: home: read from no file. Write the block there.")
-    path = path.resolve()
-    if path.is_relative_to(_PACKAGE) or "site-packages" in path.parts:
-        raise DescriptionError(
-            f"{mechanism.name}: home: this model came with an installed package, and the next "
-            "update would undo the change. Copy its folder and give the copy."
-        )
-    raw = path.read_bytes()
-    # what the robot's file says joins the YAML's own text, so both are read
-    if read(path).yaml_text != mechanism.description.yaml_text:
-        raise DescriptionError(
-            f"{path.name}: home: the model is not that of the file (an override, or the file has "
-            "changed since), and its pose may not fit. Write the changes into the file first."
-        )
-    mark = b"\xef\xbb\xbf" if raw.startswith(b"\xef\xbb\xbf") else b""
-    text = with_home(raw[len(mark) :].decode("utf-8"), home_values(mechanism), path.name)
-    with replaced(path) as part:
-        part.write_bytes(mark + text.encode("utf-8"))
-    return path
 
 
 _PACKAGES = "example-robot-data:"
