@@ -161,9 +161,9 @@ def _edited(
     for key, value in block.value:
         new = values.get(key.value)
         if new is not None and not _same(old.get(key.value), new):
-            shown = one_line({"x": new}).partition(": ")[2]
+            shown = in_flow({"x": new}).partition(": ")[2]
             pieces.append((value.start_mark.index, _end(value), shown))
-    more = [one_line({name: v}) for name, v in values.items() if name not in old]
+    more = [in_flow({name: v}) for name, v in values.items() if name not in old]
     last = _end(block.value[-1][1])
     if more and block.flow_style:
         pieces.append((last, last, "".join(f", {entry}" for entry in more)))
@@ -188,15 +188,15 @@ def _same(a: object, b: float | list[float]) -> bool:
 def _lines(values: Mapping[str, float | list[float]], newline: str) -> str:
     if not values:
         return "home: {}"
-    rows = [f"  {one_line({name: value})}" for name, value in values.items()]
+    rows = [f"  {in_flow({name: value})}" for name, value in values.items()]
     return newline.join(["home:", *rows])
 
 
 def _flow(values: Mapping[str, float | list[float]]) -> str:
-    return one_line({"home": dict(values)})
+    return in_flow({"home": dict(values)})
 
 
-def one_line(block: dict[str, Any]) -> str:
+def in_flow(block: dict[str, Any]) -> str:
     """One line "key: value"."""
     dumped = yaml.safe_dump(block, default_flow_style=True, width=10**6, allow_unicode=True)
     return str(dumped).strip()[1:-1]
