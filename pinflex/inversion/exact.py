@@ -38,6 +38,7 @@ from pinflex.linalg import lapack
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
 from pinflex.mechanics.mechanism import Mechanism
+from pinflex.text import plural
 
 # Rates of poses on a uniform grid by central differences on the configuration manifold.
 #
@@ -194,8 +195,8 @@ def invert(instant: Instant, reference: Balanced, start: Balanced | None = None)
     )
     if len(held) < nm:
         why = (
-            f"{len(held)} coordinate ({', '.join(held)}) for {nm} motors: in what is not named the "
-            "links swing freely about the rigid motion, here too far. Name as many "
+            f"{plural(len(held), 'coordinate')} ({', '.join(held)}) for {nm} motors: in what is "
+            "not named the links swing freely about the rigid motion, here too far. Name as many "
             "coordinates as there are motors, or slow the motion down."
         )
     raise ConvergenceError(

@@ -369,7 +369,7 @@ def _mobility(c: Check) -> str:
 def _elastic(c: Check) -> str:
     """Elastic coordinates and where they are."""
     gears = sum(x.drive is not None and x.drive.stiffness is not None for x in c.drives)
-    text = f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
+    text = f"{plural(c.elastic, 'coordinate')} in {plural(len(c.links), 'flexible link')}"
     text += f" and {plural(gears, 'elastic drive')}" if gears else ""
     return text + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else "")
 
