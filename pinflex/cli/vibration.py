@@ -38,7 +38,7 @@ def run_check(args: argparse.Namespace) -> int:
     """Say what was understood of a model."""
     mechanism, said = load_model(args), ""
     if args.write_home:
-        from pinflex.studies.scenes.new_scene import write_home
+        from pinflex.studies.scenes.home import write_home
 
         said = f"\nhome written to {write_home(mechanism)}\n"
         mechanism = load_model(args)

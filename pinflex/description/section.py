@@ -79,10 +79,10 @@ _QUANTITIES |= dict.fromkeys(("Iy", "Iz", "J", "my", "mz"), "second moment")
 
 @frozen
 class Section:
-    """A cross-section. Build it with `rectangle`, `circle`, `tube`, `i_section` or `given`.
+    """A cross-section. Build it with `rectangle`, `circle`, `tube`, `box`, `i_section` or `given`.
 
     Attributes:
-        shape: rectangle, circle, tube, i or given.
+        shape: rectangle, circle, tube, box, i or given.
         A: Area [m^2].
         Iy: Second moment int z^2 dA [m^4]; stiffness of bending along z.
         Iz: Second moment int y^2 dA [m^4]; stiffness of bending along y.
@@ -190,6 +190,36 @@ class Section:
         )
 
     @classmethod
+    def box(cls, width: float, height: float, wall: float, where: str = "section") -> Section:
+        """A rectangular tube with sharp corners, its height along y and its width along z.
+
+        Source: Bredt's closed cell for J and Wt (Roark's Formulas, 7th ed., table 10.1, case 16);
+            shear factors of Cowper (1966) for a thin-walled box, with nu = 0.3.
+        """
+        inner, bore = height - 2 * wall, width - 2 * wall
+        if min(inner, bore) <= 0:
+            raise DescriptionError(
+                f"{schema.at(where, 'wall')}: {wall:g} leaves no bore in a box of {width:g} by "
+                f"{height:g}. Allowed: 0 < wall < {min(width, height) / 2:g}. For a full bar use "
+                "a rectangle."
+            )
+        a, b, y, z = height - wall, width - wall, height / 2, width / 2
+        corners = ((-y, -z), (y, -z), (y, z), (-y, z))
+        return cls(
+            shape="box",
+            A=width * height - bore * inner,
+            Iy=(height * width**3 - inner * bore**3) / 12,
+            Iz=(width * height**3 - bore * inner**3) / 12,
+            J=2 * wall * (a * b) ** 2 / (a + b),
+            ky=_boxed(b / a),
+            kz=_boxed(a / b),
+            Wt=2 * wall * a * b,
+            fibres=corners,
+            outline=corners,
+            dimensions=(("width", width), ("height", height), ("wall", wall)),
+        )
+
+    @classmethod
     def i_section(
         cls, width: float, height: float, flange: float, web: float, where: str = "section"
     ) -> Section:
@@ -261,6 +291,12 @@ class Section:
         )
 
 
+def _boxed(n: float) -> float:
+    """Shear factor of a thin-walled box n times as wide as high, along its height."""
+    webs = 12 + 72 * n + 150 * n**2 + 90 * n**3 + _NU * (11 + 66 * n + 135 * n**2 + 90 * n**3)
+    return 10 * (1 + _NU) * (1 + 3 * n) ** 2 / (webs + 10 * n**2 * ((3 + _NU) * n + 3 * n**2))
+
+
 @dataclass(frozen=True)
 class Shape:
     """A shape of section that a file can name.
@@ -301,6 +337,7 @@ SHAPES: dict[str, Shape] = {
         Shape("rectangle", _of("width", "thickness"), Section.rectangle, rectangle),
         Shape("circle", _of("diameter"), Section.circle, plane),
         Shape("tube", _of("diameter", "wall"), Section.tube, plane),
+        Shape("box", _of("width", "height", "wall"), Section.box),
         Shape("i", _of("width", "height", "flange", "web"), Section.i_section),
         Shape(
             "given",

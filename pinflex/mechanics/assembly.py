@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # Closure residual (m, or sine of an angle) below which a pose is closed: round-off of a metre-size
 # mechanism is 1e-16, and Newton squares the error, so the last step ends far below this.
 CLOSED = 1e-12
+_DIGITS = 1e-8  # [m | rad] below, a gap is what eight decimals of a file leave: not worth a word
 # Ratio of singular values below which rows or motions count as dependent: genuine dependence gives
 # 1e-16 (exact zero rows) to 1e-10 (rows that cancel), a usable mechanism stays above 1e-4.
 RANK = 1e-8
@@ -56,15 +57,17 @@ class LoopReport:
 
     @property
     def built_in(self) -> str:
-        """A sentence on the loops that are open at home, "" where none is."""
-        if not self.gaps:
-            return ""
+        """A sentence on the loops that are open at home by more than digits of a file, or ""."""
         open_by = [
-            f"{name} ({' and '.join(f'{x:.3g} {unit}' for x, unit in parts if x > CLOSED)})"
+            f"{name} ({' and '.join(f'{x:.3g} {unit}' for x, unit in parts if x > _DIGITS)})"
             for name, parts in (
-                (n, zip(gap, ("m", "rad"), strict=True)) for n, gap in self.gaps.items()
+                (n, zip(gap, ("m", "rad"), strict=True))
+                for n, gap in self.gaps.items()
+                if max(gap) > _DIGITS
             )
         ]
+        if not open_by:
+            return ""
         return (
             f"open at home, in directions that no joint moves: {', '.join(open_by)}. Built in as "
             "it is: it bears no force of its own."

@@ -20,7 +20,7 @@ from pinflex.mechanics.model.tree import sliding
 from pinflex.recovery import validity
 from pinflex.results.drawing import urdf_parts
 from pinflex.results.quantities import KEYS, SLIDING, joint_unit
-from pinflex.text import percent
+from pinflex.text import percent, plural
 
 # What the motors behind their gears do: torque, speed and power on both sides of each drive.
 #
@@ -346,12 +346,12 @@ def _energy_balance(arrays: Mapping[str, Array]) -> float:
 
 def _redundant(mechanism: Mechanism, run: Run) -> list[str]:
     report = mechanism.report if run.system is mechanism.rigid else mechanism.flexible_report
-    said = [report.built_in] if report.gaps else []
+    said = list(filter(None, [report.built_in]))
     if not report.redundant:
         return said
     return [
         *said,
-        f"{len(report.redundant)} redundant closure rows left out "
+        f"{plural(len(report.redundant), 'redundant closure row')} left out "
         f"({', '.join(report.redundant[:4])}{', ...' if len(report.redundant) > 4 else ''}): "
         "the motion is exact, reactions in these directions are not unique.",
     ]

@@ -411,6 +411,7 @@ def comparison(
     start: str = "",
     falls: float | None = None,
     tol: float = TOL,
+    name: str = "",
 ) -> Comparison:
     """Compare runs of one scene with its rigid run, instant by instant.
 
@@ -429,13 +430,14 @@ def comparison(
         start: What to know of the start.
         falls: Last instant with an equilibrium, where there is none to the end [s].
         tol: Share of torques and deviations by which a level that suffices may differ.
+        name: Of the scene; default: that of the runs.
     """
     every = ({} if rigid is None else {"rigid": rigid}) | dict(others)
     strengths, times = yield_strengths or {}, cpu or {}
     listed = tuple(float(f) for f in frequencies)[:first]
     frame = None if rigid is None else str(rigid.meta.get("platform") or "") or None
     table = Comparison(
-        name=next((str(run.meta.get("name", "scene")) for run in every.values()), "scene"),
+        name=name or next((str(run.meta.get("name", "scene")) for run in every.values()), "scene"),
         torques=_torque_rows(rigid, others),
         platform=_platform_rows(rigid, others, frame),
         stresses=tuple(

@@ -483,4 +483,5 @@ def _table(
         cpu=record.cpu,
         falls=falls(record),
         start=" ".join(starting(mechanism, mechanism.description.solve, runs)),
+        name=mechanism.name,
     )

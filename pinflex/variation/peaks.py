@@ -392,7 +392,8 @@ class Peaks:
         k = int(np.argmin(np.abs(change)))
         if not np.isfinite(doubt) or abs(change[k]) > _SWITCH:
             return Slope(value, doubt)
-        said = f"{100 * abs(change[k]):.2g} % {'more' if steeper[k] > 0 else 'less'}"
+        size = f"{100 * abs(change[k]):.2g} %" if gap[k] > _TIED else "Anything"
+        said = f"{size} {'more' if steeper[k] > 0 else 'less'}"
         t = float(np.mean(self._windows.nodes[peak.windows[k]]))
         where = ", ".join(x for x in (peak.labels[peak.places[k]], f"t = {t:.4g} s") if x)
         return Slope(value, doubt, (

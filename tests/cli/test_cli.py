@@ -160,7 +160,7 @@ def test_check_writes_no_home_for_a_changed_or_an_installed_model(capsys, fourba
     answer = call(capsys, "check", fourbar, "--write-home", "--set", "home.motor=1.3")
     assert (answer.code, answer.out) == (2, "")
     assert "not that of the file" in answer.err
-    monkeypatch.setattr("pinflex.studies.scenes.new_scene._PACKAGE", Path(fourbar).resolve().parent)
+    monkeypatch.setattr("pinflex.studies.scenes.home._PACKAGE", Path(fourbar).resolve().parent)
     answer = call(capsys, "check", fourbar, "--write-home")
     assert (answer.code, answer.out) == (2, "")
     assert "came with an installed package" in answer.err

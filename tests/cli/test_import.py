@@ -14,6 +14,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -289,6 +290,96 @@ def test_the_tip_of_an_arm_is_its_platform_and_a_bent_root_is_none(tmp_path: Pat
     assert "(tip1)" in warning
 
 
+JOINT = (
+    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    '<axis xyz="0 0 1"/><limit lower="-2" upper="{}" effort="900" velocity="{}"/></joint>'
+)
+
+
+def bar(name: str, length: float, mass: float, sides: tuple[float, float], drawn: bool) -> str:
+    """A box of uniform density along x."""
+    one = np.array([length, *sides])
+    x, y, z = mass * (one @ one - one**2) / 12
+    look = f'<box size="{length} {sides[0]} {sides[1]}"/></geometry></visual>'
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>'
+        f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        + f'<visual><origin xyz="{length / 2} 0 0"/><geometry>{look}' * drawn
+        + "</link>"
+    )
+
+
+def guessed(path: Path, urdf: str) -> tuple[dict[str, Any], pf.Mechanism]:
+    """What `new` writes, without the # of its flexible links, and the robot."""
+    path.write_text(f'<robot name="r"><link name="base"/>{urdf}</robot>', "utf-8")
+    assert main(["new", str(path), "--force"]) == 0
+    out = path.with_suffix(".yaml")
+    text = re.sub(r"^# (flexible:|  \w+: \{.*section)", r"\1", out.read_text("utf-8"), flags=re.M)
+    out.write_text(text, "utf-8")
+    return yaml.safe_load(text), pf.load(out)
+
+
+def test_an_end_beyond_a_head_is_the_platform_and_the_first_motion_keeps_limits(
+    tmp_path: Path,
+) -> None:
+    """A head of a machine tool and a slewing ring are neither a sensor nor a finger."""
+    urdf = bar("slewing_ring", 0.1, 5, (0.1, 0.1), True) + bar("boom", 1, 9, (0.1, 0.1), True)
+    urdf += bar("head", 0.2, 6, (0.1, 0.1), True) + '<link name="spindle"/>'
+    urdf += JOINT.format("turn", "revolute", "base", "slewing_ring", 0, 0, 0.1)
+    urdf += JOINT.format("lift", "revolute", "slewing_ring", "boom", 0.1, 1, 1)
+    urdf += JOINT.format("tilt", "revolute", "boom", "head", 1, 1, 1)
+    urdf += JOINT.format("f", "fixed", "head", "spindle", 0.2, 0, 0)
+    raw, robot = guessed(tmp_path / "mill.urdf", urdf)
+    assert raw["platform"] == "spindle"
+    # a cycloid's largest speed is 2 d / T; the other way, as the joint stands at its upper limit
+    assert raw["motion"] == {"kind": "cycloid", "joints": {"turn": -0.1}, "duration": 2}
+    assert not [w for w in pf.check(robot).warnings if w.startswith("motion")]
+
+
+def test_flexible_links_that_are_bolted_together_do_not_overlap(tmp_path: Path) -> None:
+    urdf = bar("boom", 1, 8, (0.06, 0.06), True) + bar("extension", 0.8, 4, (0.05, 0.05), True)
+    urdf += bar("jib", 0.5, 2, (0.04, 0.04), True) + '<link name="tool0"/>'
+    urdf += JOINT.format("lift", "revolute", "base", "boom", 0, 1, 1)
+    urdf += JOINT.format("bolt", "fixed", "boom", "extension", 1, 1, 1)
+    urdf += JOINT.format("elbow", "revolute", "extension", "jib", 0.8, 1, 1)
+    urdf += JOINT.format("f", "fixed", "jib", "tool0", 0.5, 1, 1)
+    raw, robot = guessed(tmp_path / "crane.urdf", urdf)
+    assert raw["flexible"]["boom"]["end"] == "extension"
+    assert {n: part.length for n, part in robot.parts.items()} == pytest.approx(
+        {"boom": 1, "extension": 0.8, "jib": 0.5}
+    )
+
+
+@pytest.mark.parametrize(("mass", "shape"), [(1.2, "box"), (2700 * 0.5 * 0.15 * 0.04, "rectangle")])
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_wide_box_is_guessed_as_one_drawn_or_not(
+    tmp_path: Path, mass: float, shape: str, drawn: bool
+) -> None:
+    """What is not drawn has the sides of the full bar of its moments of inertia."""
+    urdf = bar("arm", 0.5, mass, (0.15, 0.04), drawn) + '<link name="tool0"/>'
+    urdf += JOINT.format("j", "revolute", "base", "arm", 0, 1, 1)
+    urdf += JOINT.format("f", "fixed", "arm", "tool0", 0.5, 1, 1)
+    raw, robot = guessed(tmp_path / "arm.urdf", urdf)
+    section = raw["flexible"]["arm"]["section"]
+    height = "height" if shape == "box" else "thickness"
+    assert (section["shape"], section["width"], section[height]) == (shape, 0.04, 0.15)
+    (part,) = robot.parts.values()
+    # three digits of the wall; its mass is no more than the link's
+    assert pytest.approx(mass, rel=5e-3) == 2700 * 0.5 * part.spec.section.A
+
+
+def test_a_link_of_which_nothing_is_known_but_its_mass_weighs_that(tmp_path: Path) -> None:
+    """Moments of inertia as a placeholder say nothing; a tube of 3 mm for 3 kg was guessed."""
+    urdf = bar("arm", 0.5, 3, (0.1, 0.1), False) + '<link name="tool0"/>'
+    urdf = re.sub('i(xx|yy|zz)="[^"]+"', r'i\1="1.0"', urdf)
+    urdf += JOINT.format("j", "revolute", "base", "arm", 0, 1, 1)
+    urdf += JOINT.format("f", "fixed", "arm", "tool0", 0.5, 1, 1)
+    raw, _ = guessed(tmp_path / "arm.urdf", urdf)
+    tube = raw["flexible"]["arm"]["section"]
+    area = np.pi * tube["wall"] * (tube["diameter"] - tube["wall"])
+    assert 2700 * area * 0.5 == pytest.approx(3, rel=5e-3)  # three digits are written
+
+
 def test_a_finger_is_no_platform(tmp_path: Path) -> None:
     """Fingers hang further out than the palm that carries them, and matter less."""
     parts = ("base", "upper", "palm", "thumb_1", "thumb_2", "index_1")
@@ -376,8 +467,9 @@ def test_arguments_of_a_xacro_are_taken_and_written(
     refused(capsys, "no value. Give NAME=VALUE", "new", path, "-o", out, "--arg", "length")
     assert main(["new", str(path), "-o", str(out), "--arg", "length=0.6", "--flexible", "rod"]) == 0
     raw = yaml.safe_load(out.read_text("utf-8"))
-    tube = raw["flexible"]["rod"]["section"]  # lighter than a solid bar: hollow, of its mass
-    area = np.pi * tube["wall"] * (tube["diameter"] - tube["wall"])
+    box = raw["flexible"]["rod"]["section"]  # lighter than the solid bar drawn: hollow, of its mass
+    area = box["width"] * box["height"]
+    area -= (box["width"] - 2 * box["wall"]) * (box["height"] - 2 * box["wall"])
     assert 2700 * area * 0.6 == pytest.approx(0.002, rel=0.01)  # three digits are written
     frame = pf.solve(pf.load(out), level="rigid", samples=3).frame("tool")
     assert np.linalg.norm(frame.position[0]) == pytest.approx(0.6)

@@ -266,3 +266,102 @@ def test_cylinders_with_an_effort_limit_are_the_motors_beside_a_passive_slider(
     assert robot.report.mobility == 2
     assert robot.motors == ("leg_1", "leg_2")
     assert "actuated: [leg_1, leg_2]  # mobility 2 with these loops" in text
+
+
+def wishbones(ball: str, axes: str) -> list[Row]:
+    """An upright between two wishbones that turn about x; its lower joint as a file draws it."""
+    lower: list[Row] = [
+        ("hinge_l", "continuous", "base", "lower_arm", (0, 0.2, 0), STRAIGHT, "x"),
+        ("hinge_u", "continuous", "base", "upper_arm", (0, 0.25, 0.25), STRAIGHT, "x"),
+        ("f1", "fixed", "upper_arm", "upper_tip", (0, 0.28, 0), STRAIGHT, "z"),
+    ]
+    parts = ["lower_arm", *(f"part_{k}" for k in range(len(axes) - 1)), "upright"]
+    for k, axis in enumerate(axes):
+        place = (0, 0, 0) if k else (0, 0.35, 0)
+        lower.append((ball + axis, "continuous", *parts[k : k + 2], place, STRAIGHT, axis))
+    seat = (0, -0.02, 0.25)
+    return [*lower, ("f2", "fixed", "upright", "upright_top", seat, STRAIGHT, "z")]
+
+
+@pytest.mark.parametrize(("ball", "axes"), [("ball_", "x"), ("motor_", "xyz")])
+def test_a_double_wishbone_has_balls(tmp_path: Path, ball: str, axes: str) -> None:
+    """One named a ball and drawn as a hinge, one drawn as three hinges: it travels and steers.
+
+    Grubler: two hinges and a ball less the three rows of another leave two freedoms. Hinges about
+    x fit as well, and leave two of the three drawn no motion.
+    """
+    rows = wishbones(ball, axes)
+    rows[0] = ("motor_l" if ball == "motor_" else "hinge_l", *rows[0][1:])
+    rows = [(row[0].replace("motor_x", "b_x").replace("motor_y", "b_y").replace("motor_z", "b_z"),
+             *row[1:]) for row in rows]  # fmt: skip
+    path = drawn(tmp_path, rows, "arm|upright$")
+    assert main(["new", str(path)]) == 0
+    text = path.with_suffix(".yaml").read_text("utf-8")
+    assert re.search(
+        "kind: spherical, between: .(upper_tip, upright_top|upright_top, upper_tip)]", text
+    )
+    assert "mobility 2 with these loops" in text
+    assert ("joints: {ball_x: {type: spherical}}" in text) == (ball == "ball_")
+
+
+def test_the_linkage_of_sarrus_is_closed_by_a_hinge(tmp_path: Path) -> None:
+    """Two folding legs of three hinges, their planes at right angles: the plate goes up and down.
+
+    By Grubler it is rigid; a ball would leave it two freedoms, as many as hinges on its base.
+    """
+    bend, length = 0.8, 0.2
+    rows: list[Row] = []
+    for k, yaw in ((1, 0.0), (2, np.pi / 2)):
+        turn = turned("z", yaw)
+        rows += [
+            (f"foot_{k}", "continuous", "base", f"low_{k}", turn @ [-0.15, 0, 0],
+             turn @ turned("y", -bend), "y"),
+            (f"knee_{k}", "continuous", f"low_{k}", f"up_{k}", (length, 0, 0),
+             turned("y", 2 * bend - np.pi), "y"),
+        ]  # fmt: skip
+    back = turned("y", np.pi - bend)
+    rows += [
+        ("top_1", "continuous", "up_1", "platform", (length, 0, 0), back, "y"),
+        ("f1", "fixed", "platform", "ear", (0.15, -0.15, 0), turned("z", np.pi / 2), "z"),
+        ("f2", "fixed", "up_2", "end", (length, 0, 0), back, "z"),
+    ]
+    path = drawn(tmp_path, rows, "low|up_|platform")
+    assert main(["new", str(path)]) == 0
+    out = path.with_suffix(".yaml")
+    text = out.read_text("utf-8")
+    assert "between: [ear, end], axis: y}" in text
+    assert "mobility 1 with these loops: name 1 joint" in text
+    taken = re.sub(r"^# (loops:|actuated:|  .*# drawn)", r"\1", text, flags=re.M)
+    out.write_text(taken.replace("[...]", "[foot_1]"), "utf-8")
+    run = pf.solve(pf.load(out), pf.cycloid(joints={"foot_1": -0.3}, duration=1.0), level="rigid")
+    plate = run.frame("platform")
+    lifted = 2 * length * (np.sin(bend + 0.3) - np.sin(bend))
+    way = plate.position[-1] - plate.position[0]
+    np.testing.assert_allclose(way, [0, 0, lifted], atol=1e-9)  # loops are closed to 1e-10
+    assert np.abs(plate.rotation - plate.rotation[0]).max() < 1e-8
+
+
+def test_a_pose_that_closes_but_cannot_move_is_not_said_to_stay_open(tmp_path: Path) -> None:
+    """Three hinges less the three rows of a ball: no freedom (Gruebler); a ball is missing."""
+    path = drawn(tmp_path, wishbones("steer_", "z"), "arm|upright$")
+    assert main(["new", str(path)]) == 0
+    text = path.with_suffix(".yaml").read_text("utf-8")
+    assert "mobility 0 with these loops: a joint is of another type" in text
+
+
+@pytest.mark.parametrize("effort", [60, 0])
+def test_two_arms_whose_tips_are_near_are_open(tmp_path: Path, effort: float) -> None:
+    """Each joint has a motor by its effort limit; where none has one, it may be a loop."""
+    rows: list[Row] = []
+    for side, y in (("l", 0.1), ("r", -0.1)):
+        rows += [
+            (f"a_{side}", "revolute", "base", f"upper_{side}", (0, y, 0), STRAIGHT, "z"),
+            (f"b_{side}", "revolute", f"upper_{side}", f"fore_{side}", (0.3, 0, 0), STRAIGHT, "z"),
+            (f"f_{side}", "fixed", f"fore_{side}", f"tip_{side}", (0.2, 0, 0), STRAIGHT, "z"),
+        ]
+    path = drawn(tmp_path, rows, "upper|fore")
+    limit = f'<limit lower="-2" upper="2" effort="{effort}" velocity="1"/></joint>'
+    text = path.read_text("utf-8").replace('xyz="0 0 1"/></joint>', f'xyz="0 0 1"/>{limit}')
+    path.write_text(text, "utf-8")
+    assert main(["new", str(path)]) == 0
+    assert ("# loops:" in path.with_suffix(".yaml").read_text("utf-8")) == (effort == 0)

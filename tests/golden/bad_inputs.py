@@ -16,7 +16,7 @@ from pinflex.description.blocks import material
 from pinflex.description.description import read
 from pinflex.description.motions import motion
 from pinflex.errors import PinflexError
-from pinflex.studies.scenes import proposals
+from pinflex.studies.scenes import home
 from tests.unit.description.test_description import BAD_URDFS, BAD_VALUES, URDF, YAML, write
 
 FILE = Path(__file__).with_name("messages.txt")
@@ -432,7 +432,7 @@ def messages() -> str:
                 spec = load(line, "x")
                 add(f"{title}: {line}", lambda reader=reader, spec=spec: reader(spec))
         shared = "urdf: x\nhome: &a {m: 1}\nsolve: *a\n"
-        add("home of an anchor", lambda: proposals.with_home(shared, {"m": 2.0}, "x.yaml"))
+        add("home of an anchor", lambda: home.with_home(shared, {"m": 2.0}, "x.yaml"))
         return "\n".join(rows).replace(str(root), "FOLDER")
 
 

@@ -268,6 +268,11 @@ JOINTS = schema.keys(JointExtra)
 
 
 def _joint(name: str, value: object, where: str, urdf: Source) -> JointExtra:
+    several = [one.strip() for one in name.split(",")]
+    if len(several) > 1 and name not in urdf.joints and all(one in urdf.joints for one in several):
+        raise DescriptionError(
+            f"{where}: a block is of one joint. Write one entry for each: {', '.join(several)}."
+        )
     schema.known(name, where, urdf.joints, f"joint in {urdf.file}")
     block, written = schema.Block(value, where, JOINTS), urdf.joints[name]
     kind, of = _type(block, written.type, urdf.file), schema.quantity(written.type)

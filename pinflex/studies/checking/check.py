@@ -40,7 +40,7 @@ from pinflex.studies.checking.parts import (
     statics,
     summary,
 )
-from pinflex.studies.scenes.proposals import home_values
+from pinflex.studies.scenes.home import home_values
 from pinflex.text import angle, frozen, length, number, percent, plural
 from pinflex.threads import one_blas_thread
 
@@ -369,7 +369,7 @@ def _mobility(c: Check) -> str:
 def _elastic(c: Check) -> str:
     """Elastic coordinates and where they are."""
     gears = sum(x.drive is not None and x.drive.stiffness is not None for x in c.drives)
-    text = f"{c.elastic} coordinates in {plural(len(c.links), 'flexible link')}"
+    text = f"{plural(c.elastic, 'coordinate')} in {plural(len(c.links), 'flexible link')}"
     text += f" and {plural(gears, 'elastic drive')}" if gears else ""
     return text + (f"; joints {', '.join(c.elastic_joints)}" if c.elastic_joints else "")
 

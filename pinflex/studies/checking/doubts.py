@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,9 @@ from pinflex.mechanics.freedoms import INDEPENDENT
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
 from pinflex.mechanics.model.tree import Link, poses_of, sliding
+from pinflex.results.quantities import SLIDING
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
+from pinflex.studies.scenes.home import home_values
 from pinflex.studies.scenes.proposals import cut_open
 from pinflex.text import percent, plural
 
@@ -119,13 +122,13 @@ def beyond_limits(
         limit = known.get(name, Limits())
         lower, upper = limit.lower, limit.upper
         if lower < upper and not lower - 1e-9 <= at_home[k] <= upper + 1e-9:
-            at = f"{at_home[k]:.4g}"
+            at = f"{at_home[k]:.4g} {_unit(description, name, 'rad')}"
             found.append(f"{name}: home {at} is outside the URDF's limits {lower:g} to {upper:g}.")
         effort = limit.effort
         if holding is not None and 0 < effort < abs(holding[k]):
             found.append(
-                f"{name}: holding needs {abs(holding[k]):.4g}, more than the URDF's effort limit "
-                f"{effort:g}."
+                f"{name}: holding needs {abs(holding[k]):.4g} "
+                f"{_unit(description, name, 'N m')}, more than the URDF's effort limit {effort:g}."
             )
     return found
 
@@ -149,18 +152,28 @@ def beyond_on_the_way(
         ):
             off = low if limit.lower - low > high - limit.upper else high
             found.append(
-                f"{name} gets to {off:.4g}, outside the URDF's limits {limit.lower:g} to "
-                f"{limit.upper:g} (rad or m)."
+                f"{name} gets to {off:.4g} {_unit(description, name, 'rad')}, outside the URDF's "
+                f"limits {limit.lower:g} to {limit.upper:g}."
                 + (_DEGREES if abs(off) > _TURN and limit.upper < _TURNS[0] else "")
             )
-        most = {"speed": (speed, limit.velocity), "torque or force": (torque or {}, limit.effort)}
-        for word, (histories, allowed) in most.items():
+        for word, histories, allowed, turning in (
+            ("a speed", speed, limit.velocity, "rad/s"),
+            ("an effort", torque or {}, limit.effort, "N m"),
+        ):
             top = float(np.max(np.abs(histories.get(name, 0.0))))
             if 0 < allowed * (1 + _NEARLY) < top:
                 found.append(
-                    f"{name} takes a {word} of up to {top:.4g}, more than the URDF's {allowed:g}."
+                    f"{name} takes {word} of up to {top:.4g} "
+                    f"{_unit(description, name, turning)}, more than the URDF's {allowed:g}."
                 )
     return found
+
+
+def _unit(description: Description, name: str, turning: str) -> str:
+    """Unit at a joint, of which one that turns is given."""
+    joint = description.tree().joints.get(name)
+    slides = joint is not None and joint.type == "prismatic"
+    return SLIDING.get(turning, turning) if slides else turning
 
 
 def listed(names: list[str]) -> str:
@@ -187,7 +200,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
-        *_sag_warnings(rest, links),
+        *_sag_warnings(rest, links, home_values(mechanism)),
         *_at_a_root(mechanism),
         *heavy(mechanism.links),
         *slips(mechanism),
@@ -334,18 +347,28 @@ def _at_a_root(mechanism: Mechanism) -> list[str]:
     ]
 
 
-def _sag_warnings(rest: Statics, links: tuple[LinkCheck, ...]) -> list[str]:
+def _sag_warnings(
+    rest: Statics, links: tuple[LinkCheck, ...], home: Mapping[str, Any]
+) -> list[str]:
     """The platform sags far, or so far that linear statics are off."""
     linear, full, loaded = (
         None if sag is None else np.array(sag.position)
         for sag in (rest.linear, rest.full, rest.loaded)
     )
     far = [float(np.linalg.norm(sag)) for sag in (linear, full) if sag is not None]
+    sinks = far[-1] if far else 0.0  # of linear statics, which overshoot, only where none is full
+    turned = {name: x for name, x in rest.given_way.items() if abs(x) > SAG_FAR}
     longest = max((link.length for link in links), default=0.0)
     found = []
-    if far and links and max(far) > SAG_FAR * longest:  # of elastic joints alone: not judged
+    if links and sinks > SAG_FAR * longest and turned:
+        at = listed([f"{name}: {x + home.get(name, 0.0):.3g}" for name, x in turned.items()])
         found.append(
-            f"the platform sags by {max(far):.3g} m, more than a tenth of the longest flexible "
+            f"home is not where it comes to rest: its springs let the platform go {sinks:.3g} m, "
+            f"where joints stand at {at}. If it is to begin there, write these under home."
+        )
+    elif links and sinks > SAG_FAR * longest:  # of elastic joints alone: not judged
+        found.append(
+            f"the platform sags by {sinks:.3g} m, more than a tenth of the longest flexible "
             f"link ({longest:.3g} m): look for a slip of units, a joint that gives way, or a link "
             "that is too soft."
         )
@@ -448,7 +471,7 @@ def _freedom_warnings(mechanism: Mechanism) -> list[str]:
     if mechanism.description.loops:
         crossed = axis_hint(Equations(mechanism.rigid), mechanism.description.loops, mechanism.home)
         warnings += [crossed.strip()] if crossed else []
-    warnings += [report.built_in] if report.gaps else []
+    warnings += filter(None, [report.built_in])
     every = dict.fromkeys((*report.redundant, *mechanism.flexible_report.redundant))
     if every:
         flexible = mechanism.flexible_report.redundant

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.planes import LeftOut
+from pinflex.mechanics.model.tree import poses_of
 from pinflex.rotations import rotation_vector
 from pinflex.text import frozen
 
@@ -163,7 +164,8 @@ def link_check(mechanism: Mechanism, part: FlexiblePart) -> LinkCheck:
 
 # Rest under gravity: how far the platform sags and what the motors hold.
 
-_ROUND_OFF = 1e-12  # [m | rad], and the same share of the largest torque: shown as zero
+_ROUND_OFF = 1e-12  # [m | rad], and this share of the largest torque or of the weight: zero
+_BESIDE = 1e-6  # of a sag: a component that no picture shows
 
 
 @dataclass(frozen=True)
@@ -182,6 +184,7 @@ class Statics:
         linear, full: Sag of the platform in linear statics about the undeformed pose, and in the
             full equilibrium. loaded: Linear with the stiffness of weight and loads, as level ked.
         holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
+        given_way: How far joints with a spring move in the full equilibrium [rad | m].
         linear_reason, full_reason: Why there is none, "" when there is.
     """
 
@@ -191,6 +194,7 @@ class Statics:
     holding_rigid: tuple[float, ...] | None = None
     holding_linear: tuple[float, ...] | None = None
     holding_full: tuple[float, ...] | None = None
+    given_way: Mapping[str, float] = field(default_factory=dict)
     linear_reason: str = ""
     full_reason: str = ""
 
@@ -203,7 +207,8 @@ def statics(mechanism: Mechanism) -> Statics:
     if swings and not held and not hangs(mechanism):
         why = "the motors do not hold every degree of freedom"
         return Statics(linear_reason=why, full_reason=why)
-    rigid = _torques(rigid_holding(mechanism)[0])
+    weight = _weight(mechanism)
+    rigid = _torques(rigid_holding(mechanism)[0], weight)
     if not mechanism.compliant and not held:
         why = "no flexible link and no elastic joint"
         return Statics(holding_rigid=rigid, linear_reason=why, full_reason=why)
@@ -227,6 +232,7 @@ def statics(mechanism: Mechanism) -> Statics:
         holding_rigid=rigid,
         holding_linear=_holding(mechanism, linear),
         holding_full=_holding(mechanism, full),
+        given_way=_given_way(mechanism, dynamics, full),
         linear_reason=linear_reason,
         full_reason=full_reason,
     )
@@ -251,13 +257,33 @@ def _or_reason(solve: Callable[[], Equilibrium]) -> tuple[Equilibrium | None, st
         return None, "something can move without any stiffness: the linear equations are singular"
 
 
-def _torques(values: Array) -> tuple[float, ...]:
-    scale = float(np.max(np.abs(values), initial=0.0))
+def _weight(mechanism: Mechanism) -> float:
+    """Moment [N m] of the whole weight at the reach of the robot, of whose parts torques are."""
+    reach = max(float(np.linalg.norm(pose.translation)) for pose in poses_of(mechanism.links))
+    mass = sum(link.inertia.mass for link in mechanism.links)
+    return float(mass * np.linalg.norm(mechanism.description.gravity) * max(reach, 1.0))
+
+
+def _torques(values: Array, weight: float) -> tuple[float, ...]:
+    scale = float(np.max(np.abs(values), initial=weight))
     return tuple(float(x) if abs(x) > _ROUND_OFF * scale else 0.0 for x in values)
 
 
 def _holding(mechanism: Mechanism, found: Equilibrium | None) -> tuple[float, ...] | None:
-    return None if found is None else _torques(found.r[mechanism.flexible.motors])
+    if found is None:
+        return None
+    return _torques(found.r[mechanism.flexible.motors], _weight(mechanism))
+
+
+def _given_way(
+    mechanism: Mechanism, dynamics: Equations, found: Equilibrium | None
+) -> dict[str, float]:
+    model, elastic = mechanism.rigid.rigid, mechanism.elastic_joints
+    if found is None or not elastic:
+        return {}
+    moved = dynamics.difference(mechanism.undeformed(), found.y)
+    rows = {name: model.idx_vs[model.getJointId(name)] for name in elastic}
+    return {name: float(moved[row]) for name, row in rows.items()}
 
 
 def _sag(
@@ -277,7 +303,8 @@ def _sag(
 
 def _triple(vector: Array) -> tuple[float, float, float]:
     # what round-off leaves of a zero would read as a number
-    kept = np.where(np.abs(vector) > _ROUND_OFF, vector, 0.0)
+    least = max(_ROUND_OFF, _BESIDE * float(np.linalg.norm(vector)))
+    kept = np.where(np.abs(vector) > least, vector, 0.0)
     return float(kept[0]), float(kept[1]), float(kept[2])
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from pinflex.arrays import Array
 from pinflex.description import sources
 from pinflex.description.blocks.flexible import FlexibleLink
 from pinflex.description.blocks.material import MATERIALS
-from pinflex.description.description import from_text, read
+from pinflex.description.description import from_text
 from pinflex.description.files import Source
 from pinflex.description.reading import schema
+from pinflex.description.robots.urdf import Limits, limits
 from pinflex.description.section import Section
 from pinflex.errors import DescriptionError, PinflexError
 from pinflex.mechanics.closing import limits_of
@@ -30,20 +31,17 @@ from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
 from pinflex.studies.scenes import proposals
-from pinflex.studies.scenes.proposals import home_values, with_home
+from pinflex.studies.scenes.home import home_values
 from pinflex.text import plural
 from pinflex.viewer.surfaces import Surface, surfaces_of
-from pinflex.writing import replaced
 
 # Guesses of flexible links for a robot that nobody prepared: which links, and their sections.
 #
 # A section is guessed from what the link looks like across the middle of its span, and from what it
-# weighs: a solid bar of steel or aluminium where that is its mass, else a tube, whose wall is a
-# tenth of the diameter, or less where the link is lighter. Every guess is to be replaced.
+# weighs: a solid bar of steel or aluminium where that is its mass, else a tube or a box, whose wall
+# is a tenth of the width, or less where the link is lighter. Every guess is to be replaced.
 
 _ALIKE = 0.2  # share by which two widths may differ and be those of a tube
-_SLENDER = 1 / 3  # of the span: the widest that a section is guessed
-_THIN = 1 / 20  # of the span: a diameter where nothing is drawn
 _WALL = 0.1  # of the diameter, at most
 _CLOSE = 0.3  # share by which a link may weigh more or less than the solid bar that is drawn
 _MIDDLE = (0.3, 0.7)  # part of the span that is looked at
@@ -51,6 +49,9 @@ _SHORT = 0.1  # of the longest span: shorter links are no candidates
 _MOST = 12  # candidates
 _HERE = 1e-6  # m
 _DENSITIES = {name: MATERIALS[name].rho or np.nan for name in ("aluminium", "steel")}  # kg/m^3
+Sides = tuple[float, float, bool]  # along beam y and z [m], and whether it is round
+_CORNER = 1.2  # half widths from the middle to the furthest point: 1 of a circle, 1.41 of a box
+_SLIM = 100  # lengths over sides of a bar: a thinner one is a slip, or a point mass
 _SEEN = 1e-3  # of the span: a drawing that is thinner says nothing
 
 
@@ -82,27 +83,47 @@ def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
         end, length, frame = spans[name]
         wanted = name in only if only else length > _SHORT * longest and len(found) < _MOST
         if wanted:
-            widths = _widths(looks.get(name), frame, length)
-            mass = next(link.inertia.mass for link in mechanism.links if link.name == name)
-            made = _guess(mechanism, name, end, *_bar(widths, length, mass), length)
+            link = next(link for link in mechanism.links if link.name == name)
+            sides, seen = _sides(link, looks.get(name), frame, length)
+            if max(sides[:2]) > length and not only:
+                continue  # a block or a plate
+            bar = _bar(sides, length, link.inertia.mass, seen)
+            made = _guess(mechanism, name, end, *bar, length)
             found += [made] if made is not None else []
     return found
 
 
 def _spans(mechanism: Mechanism) -> dict[str, tuple[str | None, float, Array]]:
-    """Far frame (None: the only one), length and beam frame of each link with mass."""
+    """Far frame (None: the only one), length and beam frame of each link with mass.
+
+    None lies on another: a link ends where one that is bolted to it begins a span of its own.
+    """
     links = mechanism.links
     closing = {*mechanism.description.tied}
-    found = {}
+    fars: dict[int, tuple[str | None, Array]] = {}
     for number, link in enumerate(links):
         ends = _ends(number, links, closing) if link.parent >= 0 and link.weighs else []
         far = max(ends, key=lambda end: float(np.linalg.norm(end[1])), default=None)
-        if far is None or np.linalg.norm(far[1]) < _HERE:
+        if far is not None and np.linalg.norm(far[1]) >= _HERE:
+            fars[number] = None if len(ends) == 1 and far[2] else far[0], far[1]
+    reach = {k: float(np.linalg.norm(place)) for k, (_, place) in fars.items()}
+    short = _SHORT * max(reach.values(), default=0.0)
+    for k in [k for k in fars if not links[k].steps and reach[k] > short]:  # from base to tips
+        below = links[k].parent
+        while below >= 0 and below not in fars and not links[below].steps:
+            below = links[below].parent
+        if below not in fars:
             continue
-        spec = FlexibleLink(link.name, MATERIALS["aluminium"], Section.circle(1.0))
-        frame, length = beam_frame("", spec, link, np.zeros(3), far[1])
-        name = None if len(ends) == 1 and far[2] else far[0]
-        found[link.name] = (name, length, np.array(frame.homogeneous))
+        ((_, place, _),) = _on(below, links, [links[k]])
+        if np.linalg.norm(place) > short:
+            fars[below] = links[k].name, place
+        else:  # side by side
+            del fars[min(below, k, key=lambda x: links[x].inertia.mass)]
+    found = {}
+    for k, (name, place) in fars.items():
+        spec = FlexibleLink(links[k].name, MATERIALS["aluminium"], Section.circle(1.0))
+        frame, length = beam_frame("", spec, links[k], np.zeros(3), place)
+        found[links[k].name] = (name, length, np.array(frame.homogeneous))
     return found
 
 
@@ -131,50 +152,70 @@ def _on(number: int, links: Sequence[Link], ends: Sequence[Link]) -> list[tuple[
     return found
 
 
-def _widths(look: Surface | None, frame: Array, length: float) -> tuple[float, float] | None:
-    """Extent along beam y and z in the middle of the span [m]; None where nothing is drawn."""
-    if look is None:
+def _sides(link: Link, look: Surface | None, frame: Array, length: float) -> tuple[Sides, str]:
+    """How wide a link is, and where that is from."""
+    if look is not None and (seen := _widths(look, frame, length)):
+        return seen, "the drawing at the middle of the span"
+    if seen := _boxed(link, frame, length):
+        return seen, "nothing is drawn there: its moments of inertia"
+    area = link.inertia.mass / (_DENSITIES["aluminium"] * length)
+    d = float(np.sqrt(area / (np.pi * _WALL * (1 - _WALL))))
+    return (d, d, True), "nothing is drawn there: a tube that weighs as much"
+
+
+def _boxed(link: Link, frame: Array, length: float) -> Sides | None:
+    """Sides of the full bar with these moments of inertia.
+
+    None where no bar of that length has them, as the ones written where nobody knew any.
+    """
+    about = frame[:3, :3].T @ link.inertia.inertia @ frame[:3, :3]
+    x, y, z = 6 * np.diag(about) / link.inertia.mass
+    sides = np.array([x + z - y, x + y - z])  # x = m (b^2 + c^2) / 12, and so on
+    if not np.all((length / _SLIM) ** 2 < sides) or not np.all(sides < length**2):
         return None
+    b, c = (float(side) for side in np.sqrt(sides))
+    rod = float(2 * np.sqrt(x / 3))  # its diameter: x = 6 r^2 / 2
+    return (b, c, False) if abs(b - c) > _ALIKE * max(b, c) else (rod, rod, True)
+
+
+def _widths(look: Surface, frame: Array, length: float) -> Sides | None:
+    """Extent in the middle of the span; None where nothing is drawn there."""
     points = (look.vertices - frame[:3, 3]) @ frame[:3, :3]
     corners = points[look.faces]  # a long triangle has no corner in the middle
     low, high = corners[..., 0].min(axis=1), corners[..., 0].max(axis=1)
     middle = (low < _MIDDLE[1] * length) & (high > _MIDDLE[0] * length)
     if not middle.any():
         return None
-    seen = corners[middle].reshape(-1, 3)
-    y, z = np.ptp(seen[:, 1]), np.ptp(seen[:, 2])
-    return (float(y), float(z)) if min(y, z) > _SEEN * length else None
+    seen = corners[middle].reshape(-1, 3)[:, 1:]
+    sides = np.ptp(seen, axis=0)
+    if min(sides) <= _SEEN * length:
+        return None
+    out = np.linalg.norm((2 * seen - seen.min(axis=0) - seen.max(axis=0)) / sides, axis=1).max()
+    round_ = out < _CORNER and abs(sides[0] - sides[1]) <= _ALIKE * max(sides)
+    return float(sides[0]), float(sides[1]), bool(round_)
 
 
-def _bar(widths: tuple[float, float] | None, length: float, mass: float) -> tuple[str, str]:
+def _bar(sides: Sides, length: float, mass: float, seen: str) -> tuple[str, str]:
     """Material and section of a link as YAML, and where they are from."""
-    if widths is None:
-        return _tube(
-            _THIN * length, length, mass
-        ), "nothing is drawn there: a twentieth of the length"
-    y, z = (min(w, _SLENDER * length) for w in widths)
-    round_ = abs(y - z) <= _ALIKE * max(y, z)
-    d = (y + z) / 2 if round_ else min(y, z)
-    area = np.pi * d**2 / 4 if round_ else y * z
-    seen = "the drawing at the middle of the span"
+    y, z = (min(side, length) for side in sides[:2])
+    d = (y + z) / 2
+    full = np.pi * d**2 / 4 if sides[2] else y * z
     for name, rho in _DENSITIES.items():
-        if abs(mass / (rho * area * length) - 1) < _CLOSE:
+        if abs(mass / (rho * full * length) - 1) < _CLOSE:
             shape = (
-                f"{{shape: circle, diameter: {_digits(d)}}}" if round_
-                else f"{{shape: rectangle, width: {_digits(z)}, thickness: {_digits(y)}}}"
+                f"shape: circle, diameter: {_digits(d)}" if sides[2]
+                else f"shape: rectangle, width: {_digits(z)}, thickness: {_digits(y)}"
             )  # fmt: skip
-            return f"material: {name}, section: {shape}", f"{seen}, full: it weighs as much"
-    why = "the width" if round_ else "the lesser width"
-    return _tube(d, length, mass), f"{why} of {seen}, hollow"
-
-
-def _tube(diameter: float, length: float, mass: float) -> str:
-    """A tube of aluminium that weighs no more than the link, motors and housings included."""
+            return f"material: {name}, section: {{{shape}}}", f"{seen}, full: it weighs as much"
+    # a tube or a box of aluminium that weighs no more than the link, motors and housings included
     area = mass / (_DENSITIES["aluminium"] * length)
-    hole = diameter**2 - 4 * area / np.pi
-    wall = min(_WALL * diameter, (diameter - np.sqrt(hole)) / 2 if hole > 0 else diameter)
-    shape = f"{{shape: tube, diameter: {_digits(diameter)}, wall: {_digits(wall)}}}"
-    return f"material: aluminium, section: {shape}"
+    bore = d**2 - 4 * area / (np.pi if sides[2] else 4.0)  # area = pi (or 4) wall (d - wall)
+    wall = min(_WALL * min(y, z), (d - np.sqrt(bore)) / 2 if bore > 0 else d)
+    shape = (
+        f"shape: tube, diameter: {_digits(d)}" if sides[2]
+        else f"shape: box, width: {_digits(z)}, height: {_digits(y)}"
+    )  # fmt: skip
+    return f"material: aluminium, section: {{{shape}, wall: {_digits(wall)}}}", f"{seen}, hollow"
 
 
 def _digits(value: float) -> float:
@@ -202,47 +243,11 @@ def quoted(name: str) -> str:
     return str(yaml.safe_dump(name, allow_unicode=True, width=10**6)).splitlines()[0]
 
 
-# The closed pose of a mechanism as the block `home` of its YAML, and writing it there.
-
-_PACKAGE = Path(__file__).resolve().parents[1]
-
-
-def write_home(mechanism: Mechanism) -> Path:
-    """Write the closed pose into the YAML that the mechanism was read from, and return its path.
-
-    Comments and all other lines stay; the file is replaced in one step, so that it is never half
-    written.
-
-    Raises:
-        DescriptionError: There is no such file, it came with pinflex, or it cannot be written.
-    """
-    path = mechanism.description.path
-    if path is None:
-        raise DescriptionError(f"{mechanism.name}: home: read from no file. Write the block there.")
-    path = path.resolve()
-    if path.is_relative_to(_PACKAGE) or "site-packages" in path.parts:
-        raise DescriptionError(
-            f"{mechanism.name}: home: this model came with an installed package, and the next "
-            "update would undo the change. Copy its folder and give the copy."
-        )
-    raw = path.read_bytes()
-    # what the robot's file says joins the YAML's own text, so both are read
-    if read(path).yaml_text != mechanism.description.yaml_text:
-        raise DescriptionError(
-            f"{path.name}: home: the model is not that of the file (an override, or the file has "
-            "changed since), and its pose may not fit. Write the changes into the file first."
-        )
-    mark = b"\xef\xbb\xbf" if raw.startswith(b"\xef\xbb\xbf") else b""
-    text = with_home(raw[len(mark) :].decode("utf-8"), home_values(mechanism), path.name)
-    with replaced(path) as part:
-        part.write_bytes(mark + text.encode("utf-8"))
-    return path
-
-
 _PACKAGES = "example-robot-data:"
 _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning joints:
 _TURN = 0.1  # [rad]
 _SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)  # of it, the largest that can be followed
+_SHORTEST = 0.5  # [s] that it takes, longer where a limit asks for it
 _LOOKS = 41  # instants at which it is looked at
 _ORDER = ("xacro_args", "base", "gravity", "joints", "actuated", "loops", "home")
 
@@ -446,7 +451,10 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
         mobility, named = ways.closed.report.mobility, len(ways.motors)
         why = f"mobility {mobility} with these loops"
         why += f", as with axis {' or '.join(ways.also)}: look" if ways.also else ""
-        if not named:
+        if not mobility:
+            why += ": a joint is of another type, such as a ball drawn as a hinge. Write joints: "
+            why += "{NAME: {type: spherical}}"
+        elif not named:
             alone = ways.closed.idle.names[len(ways.closed.idle.spins) :]
             why += f": name {plural(mobility, 'joint')} with a motor"
             why += f", and {' and '.join(alone)}, idle without one" if alone else ""
@@ -472,7 +480,7 @@ def _loose(mechanism: Mechanism) -> str:
 def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing) -> str:
     """A small motion of the first motor, as far as the rigid robot follows it."""
     motors = ways.motors or mechanism.description.actuated
-    closed = ways.closed is not None and ways.closed.report.mobility == len(ways.motors)
+    closed = bool(ways.closed and len(ways.motors) == ways.closed.report.mobility > 0)
     if not motors:
         return "\n# No motion is proposed: no joint has a motor.\n"
     if mechanism.report.mobility != len(mechanism.motors):
@@ -484,12 +492,10 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
             "\n# motion: {kind: cycloid, platform: {x: 0.01, ...}, duration: 0.5}\n"
         )
     joint = motors[0]
-    known = mechanism.description.tree().joints
-    step = _STEP.get(known[joint].type, _TURN) if joint in known else _TURN
-    for share in _SHARES:
+    for step, duration in _steps(mechanism, joint, ways.home):
         proposal = (
             "\n# A small motion to begin with.\nmotion: {kind: cycloid, joints: "
-            f"{{{quoted(joint)}: {share * step:g}}}, duration: 0.5}}\n"
+            f"{{{quoted(joint)}: {step:g}}}, duration: {duration:g}}}\n"
         )
         try:
             solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
@@ -502,3 +508,24 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
             continue
         return proposal
     return "\n# No motion is proposed: the rigid robot cannot follow a small one from here.\n"
+
+
+def _steps(
+    mechanism: Mechanism, joint: str, bent: Mapping[str, Any]
+) -> Iterator[tuple[float, float]]:
+    """Ways of a motor within its limits, largest first, and how long a cycloid takes for each."""
+    known = mechanism.description.tree().joints
+    way = _STEP.get(known[joint].type, _TURN) if joint in known else _TURN
+    at = bent.get(joint, home_values(mechanism).get(joint, 0.0))
+    most = limits(mechanism.description.urdf_text).get(joint, Limits())
+    for share in _SHARES:
+        step = share * way
+        if most.lower < most.upper and not at + step <= most.upper:
+            step = -step
+        if most.lower < most.upper and not most.lower <= at + step <= most.upper:
+            continue
+        speed, bend = 2 * abs(step), 2 * np.pi * abs(step)  # of a cycloid of 1 s, at their peaks
+        least = [_SHORTEST]
+        least += [speed / most.velocity] if most.velocity > 0 else []
+        least += [np.sqrt(bend / most.acceleration)] if most.acceleration > 0 else []
+        yield step, float(np.ceil(10 * max(least)) / 10)

@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from pinflex.arrays import Array
 from pinflex.description.files import Source, SourceJoint
-from pinflex.description.reading import yaml_text
 from pinflex.description.robots.urdf import Limits, limits
-from pinflex.errors import DescriptionError, PinflexError, SingularityError
+from pinflex.errors import PinflexError, SingularityError
 from pinflex.linalg import null_space
+from pinflex.mechanics.assembly import close_loops
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, load
-from pinflex.mechanics.model.tree import Link
+from pinflex.mechanics.model.tree import Link, poses_of
+from pinflex.studies.scenes.home import in_flow
 
 _NEAR = 1e-4  # [m] frames that coincide, but for the decimals of a file
 _MOVES = 1e-6  # [m] two ends whose distance varies by less are held together already; a frame
@@ -33,6 +33,9 @@ _MOVES = 1e-6  # [m] two ends whose distance varies by less are held together al
 _BENT, _LESS = 0.5, 0.8  # by which joints are bent out of a singular pose [rad | m]: by so much
 # the first, each other one by so much of the last: in a pose of no symmetry
 _LOOKS = 3  # poses at which that is looked at
+_ASIDE, _STILL = 0.1, 1e-3  # a step away from home; a joint's share of a motion there: none, but
+# for hinges that are parallel to a drawing's digits
+_DRAWN = 0.01  # of the robot: ends that are nearer are meant to meet, whatever motors there are
 _WORDS = (  # the end of a robot, surest name first
     re.compile(r"platform|(^|_)plate|tool|effector|tcp|flange", re.I),
     re.compile(r"eff$|(^|_)ee(_|$)", re.I),
@@ -40,10 +43,10 @@ _WORDS = (  # the end of a robot, surest name first
     re.compile(r"foot|feet|sole", re.I),
 )
 _TIP = re.compile(r"(^|_)(tip|nozzle|hook)(\d|_|$)", re.I)  # of a tree; of loops their ends
-_FINGER = re.compile(
-    r"finger|thumb|(^|_)(index|middle|ring|pinky|little|knuckle|jaw|ph)(\d|_|$)", re.I
-)
-_SENSOR = re.compile(r"camera|laser|imu|optical|sensor|rgb|depth|lidar|gnss|(^|_)head|eye", re.I)
+_FINGER = re.compile(r"finger|thumb", re.I)
+_HAND = re.compile(r"finger|thumb|hand|palm|grip", re.I)  # without one, a ring is none of its own:
+_ON_HAND = re.compile(r"(^|_)(index|middle|ring|pinky|little|knuckle|jaw|ph)(\d|_|$)", re.I)
+_SENSOR = re.compile(r"camera|laser|imu|optical|sensor|rgb|depth|lidar|gnss|eye", re.I)
 MOTOR = re.compile("mot|act|drive(?!n)|servo", re.I)
 _TYPES = {  # which URDF lacks, so that files draw another in their place
     "spherical": re.compile("ball|spher", re.I),
@@ -113,7 +116,8 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     moving = [k for k in range(len(links)) if depth[k][0]] or [0]
     still = _fixed_frames(closing.closed or mechanism)
     moving = [k for k in moving if links[k].name not in still] or moving
-    plain = [k for k in moving if not _aside(k, links) and _body(k, links) not in rods] or moving
+    aside = _aside(links)
+    plain = [k for k in moving if k not in aside and _body(k, links) not in rods] or moving
     named: list[int] = next(
         (found for word in _WORDS if (found := [k for k in plain if word.search(links[k].name)])),
         [],
@@ -122,7 +126,18 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     heavy = [k for k in plain if links[k].weighs]
     tips = [k for k in plain if _TIP.search(links[k].name)]
     best = named or [k for k in tied if links[k].weighs] or tied or tips or heavy or plain
-    return links[max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))].name
+    end = max(best, key=lambda k: (*depth[k], links[k].inertia.mass, -k))
+    if best is heavy:  # a frame that was put on it is meant to be looked at, the furthest most
+        parents = {link.parent for link in links}
+        bare = [k for k in plain if k not in parents and not links[k].weighs]
+        put = [k for k in bare if links[k].parent == end and not links[k].steps]
+        end = max([end, *put], key=lambda k: _out(links[k]) if k in put else 0.0)
+    return links[end].name
+
+
+def _out(link: Link) -> float:
+    """How far from its parent [m]."""
+    return float(np.linalg.norm(link.placement.translation))
 
 
 def _fixed_frames(mechanism: Mechanism) -> set[str]:
@@ -152,13 +167,15 @@ def _body(number: int, links: Sequence[Link]) -> int:
     return number
 
 
-def _aside(number: int, links: Sequence[Link]) -> bool:
-    """Whether a link is a finger or a sensor, or hangs on one."""
-    while number >= 0:
-        if _FINGER.search(links[number].name) or _SENSOR.search(links[number].name):
-            return True
-        number = links[number].parent
-    return False
+def _aside(links: Sequence[Link]) -> set[int]:
+    """Links that are fingers or sensors, or hang on one."""
+    words = [_FINGER, _SENSOR]
+    words += [_ON_HAND] if any(_HAND.search(link.name) for link in links) else []
+    found: set[int] = set()
+    for k, link in enumerate(links):
+        if link.parent in found or any(word.search(link.name) for word in words):
+            found.add(k)
+    return found
 
 
 # Loops ---------------------------------------------------------------------------------------
@@ -167,16 +184,19 @@ def _aside(number: int, links: Sequence[Link]) -> bool:
 def closing(mechanism: Mechanism, tree: Source) -> Closing:
     """The loops that a file leaves open, of the first kind that gives every motor its freedom."""
     motors = named_motors(tree)
-    pairs = _pairs(mechanism, motors)
+    pairs = _pairs(mechanism, tree, motors)
     if not pairs:
         return Closing()
-    best, types = Closing(tuple(pairs), motors), _named_types(tree)
+    light = {link.name for link in mechanism.links if not link.weighs}
+    best, types = Closing(tuple(pairs), motors), _named_types(tree, light)
     some = json.dumps(motors or mechanism.description.actuated[:1])
     fits: list[Closing] = []
     flat = _flat(mechanism, pairs)
     kinds = _kinds(mechanism, pairs, flat)
-    tries = itertools.product([{}, types] if types else [{}], kinds)
+    tries = itertools.product([types, {}] if types else [{}], kinds)
     for retyped, kind in tries:
+        if retyped and kind[0] == "planar":
+            continue  # which is for hinges that are not quite parallel
         loops = tuple(Loop(p.a, p.b, p.apart, *kind) for p in pairs)
         text = json.dumps({loop.name: loop.block for loop in loops})
         changes = [f"loops={text}", f"actuated={some}"]
@@ -185,26 +205,44 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
             closed = _closed(mechanism, changes, pairs)
         except PinflexError:
             continue
-        mobility = closed.report.mobility
-        driven = motors or _likely_motors(tree, mobility)
+        mobility, hinge = closed.report.mobility, kind[0] == "revolute"
+        if hinge and (retyped or kind not in flat) and _stuck(closed, pairs):
+            continue
+        # as Sarrus' linkage, which has freedoms by its shape alone: no chance
+        special = hinge and not flat and not motors and bool(closed.report.redundant)
+        driven = motors or _likely_motors(tree, closed)
         home = closed.description.home
         bent = home if home != mechanism.description.home else {}
         closing = Closing(loops, driven, closed, retyped, home=bent)
-        if mobility and mobility == len(driven):
+        if mobility and kind in flat and not (motors or driven or best.closed):
+            return closing  # a plane chain: better no motor named than a hinge that blocks it
+        if mobility and (mobility == len(driven) or special):
             fits.append(closing)
-            if kind[0] == "revolute":
+            if hinge:
                 continue  # about another axis, too?
             break
-        if mobility and kind in flat and not motors:
-            return closing  # a plane chain: better no motor named than a hinge that blocks it
         least = best.closed.report.mobility if best.closed else 0
         if mobility and (not least or least < mobility < len(driven)):
             best = closing
+        if not mobility and not best.closed and kind[0] == "spherical":
+            best = closing  # nothing moves, which is to be said
     hinges = [fit for fit in fits if fit.loops[0].kind == "revolute"]
     if not hinges:
         return fits[0] if fits else best
     axes = dict.fromkeys(fit.loops[0].axis for fit in hinges)  # some twice, with other types
     return replace(hinges[0], also=tuple(axes)[1:])
+
+
+def _stuck(closed: Mechanism, pairs: Sequence[Loop]) -> bool:
+    """Whether a joint drawn between ends has no motion left, as two of a ball drawn as three."""
+    look, model = Equations(closed.rigid), closed.rigid.rigid
+    Z = null_space(look.close(closed.home).J)
+    beside = look.integrate(closed.home, _ASIDE * Z.sum(axis=1))  # symmetry stops joints at home
+    pose, left = close_loops(look, beside, np.arange(model.nv))
+    Z = null_space(look.close(pose).J) if left < _NEAR else Z
+    joints = set().union(*(_between(model, *_numbers(model, pair)) for pair in pairs))
+    rows = [r for j in joints for r in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])]
+    return bool(np.min(np.linalg.norm(Z[rows], axis=1), initial=np.inf) < _STILL)
 
 
 def _closed(mechanism: Mechanism, changes: Sequence[str], pairs: Sequence[Loop]) -> Mechanism:
@@ -219,14 +257,22 @@ def _closed(mechanism: Mechanism, changes: Sequence[str], pairs: Sequence[Loop])
         return load(mechanism.description.with_overrides([*changes, *bent]))
 
 
-def _named_types(tree: Source) -> dict[str, str]:
-    """Balls and universal joints by their names, where the file has another type."""
-    return {
+def _named_types(tree: Source, light: set[str]) -> dict[str, str]:
+    """Balls and universal joints by their names, where the file has another type.
+
+    Several with massless links between them are the hinges of which a file makes one.
+    """
+    found = {
         joint.name: kind
         for joint in tree.joints.values()
         for kind, word in _TYPES.items()
         if word.search(joint.name) and joint.type in ("revolute", "continuous", "fixed")
     }
+    joints = {name: tree.joints[name] for name in found}
+    within = (
+        {joint.child for joint in joints.values()} & {j.parent for j in joints.values()} & light
+    )
+    return {n: found[n] for n, joint in joints.items() if not {joint.parent, joint.child} & within}
 
 
 def named_motors(tree: Source) -> tuple[str, ...]:
@@ -236,18 +282,20 @@ def named_motors(tree: Source) -> tuple[str, ...]:
     return found if len(found) < len(ones) else ()
 
 
-def _likely_motors(tree: Source, mobility: int) -> tuple[str, ...]:
-    """The sliding joints, else those on the base, where they are as many as the freedoms.
+def _likely_motors(tree: Source, closed: Mechanism) -> tuple[str, ...]:
+    """The sliding joints, else those on the base, where they determine all freedoms.
 
     Else those with an effort limit, where others have none: as many as freedoms, or more.
     """
-    ones = single(tree)
+    ones, model, mobility = single(tree), closed.rigid.rigid, closed.report.mobility
+    Z = null_space(Equations(closed.rigid).close(closed.home).J)
     moved = {joint.child for joint in tree.joints.values() if joint.type != "fixed"}
     for likely in (
         [joint.name for joint in ones if joint.type == "prismatic"],
         [joint.name for joint in ones if joint.parent not in moved],
     ):
-        if len(likely) == mobility:
+        rows = [model.idx_vs[model.getJointId(name)] for name in likely]
+        if len(likely) == mobility and np.linalg.matrix_rank(Z[rows], _STILL) == mobility:
             return tuple(likely)
     pushed = limited(tree)
     return tuple(pushed) if mobility <= len(pushed) < len(ones) else ()
@@ -267,17 +315,24 @@ def single(tree: Source) -> list[SourceJoint]:
     ]  # fmt: skip
 
 
-def _pairs(mechanism: Mechanism, motors: Sequence[str]) -> list[Loop]:
-    """Open ends of different branches that coincide; else the nearest, where joints are passive."""
+def _pairs(mechanism: Mechanism, tree: Source, motors: Sequence[str]) -> list[Loop]:
+    """Open ends of different branches that coincide; else the nearest, where joints are passive.
+
+    Two arms each joint of which has a motor are open, however near their tips are drawn.
+    """
     model, links = mechanism.rigid.rigid, mechanism.links
     free = _open_ends(mechanism)
     if found := _coinciding(mechanism, free):
         return found
     frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for pair in free for k in pair}
+    near = _DRAWN * max(float(np.linalg.norm(pose.translation)) for pose in poses_of(links))
+    driven = {model.getJointId(name) for name in motors or limited(tree)}
     branches = {
         pair: d
         for pair, d in free.items()
-        if _apart(model, frames, pair) and not any(_SENSOR.search(links[k].name) for k in pair)
+        if _apart(model, frames, pair)
+        and not any(_SENSOR.search(links[k].name) for k in pair)
+        and (d < near or _between(model, *(frames[k] for k in pair)) - driven)
     }
     if not branches or not (motors or len(branches) == 1):
         return []  # every joint has a motor, as far as names tell: feet, not loops
@@ -289,7 +344,7 @@ def cut_open(mechanism: Mechanism) -> str:
     found: Sequence[Loop] = _coinciding(mechanism, _open_ends(mechanism))
     if found and not mechanism.description.loops:  # of the kind that leaves motors their freedom
         found = closing(mechanism, mechanism.description.tree()).loops
-    return _plain({"loops": {loop.name: loop.block for loop in found}}) if found else ""
+    return in_flow({"loops": {loop.name: loop.block for loop in found}}) if found else ""
 
 
 def _coinciding(mechanism: Mechanism, free: Mapping[tuple[int, int], float]) -> list[Loop]:
@@ -424,165 +479,3 @@ def _axis(mechanism: Mechanism, pair: Loop) -> str:
     local = data.oMf[frames[0]].rotation.T @ turns
     along = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) > _NEAR)
     return "xyz"[along[0]] if len(along) == 1 else ""
-
-
-# Home as the block `home` takes it.
-
-_ZERO = 5e-10  # [rad | m] a value that is not written: joints stand at zero anyway
-
-
-def home_values(mechanism: Mechanism) -> dict[str, float | list[float]]:
-    """Value of each joint at home, as `home` takes it; joints at zero are left out."""
-    model, q = mechanism.rigid.rigid, mechanism.home
-    found: dict[str, float | list[float]] = {}
-    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        part = q[joint.idx_q : joint.idx_q + joint.nq]
-        if joint.nv == 1 and joint.nq == 2:  # a continuous joint: cosine and sine
-            part = np.array([np.arctan2(part[1], part[0])])
-        elif joint.nv == 3 and joint.nq == 4 and joint.shortname() == "JointModelPlanar":
-            part = np.array([*part[:2], np.arctan2(part[3], part[2])])
-        values = [float(f"{x:.9g}") for x in part]
-        stem = name.rpartition(".")[0]
-        if stem and mechanism.description.joints.get(stem) is not None:
-            both = found.setdefault(stem, [])  # NAME.1 and NAME.2 are the axes of a universal joint
-            assert isinstance(both, list)
-            both.append(values[0])
-            continue
-        found[name] = values[0] if joint.nv == 1 else values
-    neutral = pin.neutral(model)
-    return {
-        name: value
-        for name, value in found.items()
-        if {name, f"{name}.1"} & {*mechanism.description.home}
-        or not _at_rest(model, neutral, name, value)
-    }
-
-
-def _at_rest(model: pin.Model, neutral: Array, name: str, value: float | list[float]) -> bool:
-    if model.existJointName(name):
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq > 2 and joint.shortname() != "JointModelPlanar":
-            rest = neutral[joint.idx_q : joint.idx_q + joint.nq]
-            return bool(np.max(np.abs(rest - value)) < _ZERO)
-    return bool(np.max(np.abs(value)) < _ZERO)
-
-
-# A YAML text with another `home`; every other byte stays as its author wrote it.
-
-_DIGITS = 1e-8  # relative or absolute; nine digits are written
-
-
-def with_home(text: str, values: Mapping[str, float | list[float]], file: str) -> str:
-    """The text with the block `home` replaced, or appended where there is none."""
-    before = yaml_text.load(text, file)
-    changed = _changed(text, values, before)
-    if not _only_home_differs(changed, before, values, file):
-        lines = _lines(values, "\r\n" if "\r\n" in text else "\n")
-        raise DescriptionError(
-            f"{file}: home: this file is written in a way that does not let the block be replaced "
-            f"alone (an anchor, several documents). Write it yourself:\n{lines}"
-        )
-    return changed
-
-
-def _changed(
-    text: str, values: Mapping[str, float | list[float]], before: Mapping[str, Any]
-) -> str:
-    """The text with the block replaced, or with a new one at its end."""
-    newline = "\r\n" if "\r\n" in text else "\n"
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    assert isinstance(root, yaml.MappingNode)
-    lines = _lines(values, newline)
-    for key, value in root.value:
-        if key.value == "home":
-            if isinstance(value, yaml.MappingNode) and value.value:
-                return _edited(text, value, before["home"], values, newline)
-            first, last = key.start_mark.index, max(_end(value), key.end_mark.index + 1)
-            inner = _flow(values) if root.flow_style else lines
-            return text[:first] + inner + text[last:]
-    if root.flow_style:
-        at = text.rindex("}", 0, root.end_mark.index)
-        return f"{text[:at].rstrip().rstrip(',')}, {_flow(values)}{text[at:]}"
-    at = max(_end(value) for pair in root.value for value in pair)
-    line = text.find("\n", at)
-    at = len(text) if line < 0 else line
-    at -= at > 0 and text[at - 1 : at] == "\r"
-    return text[:at] + newline + lines + (text[at:] or newline)
-
-
-def _only_home_differs(
-    changed: str,
-    before: Mapping[str, Any],
-    values: Mapping[str, float | list[float]],
-    file: str,
-) -> bool:
-    """Whether the changed text says the values, and everything else as before."""
-    try:
-        after = yaml_text.load(changed, file)
-        now = after.pop("home")
-        if after != {k: v for k, v in before.items() if k != "home"}:
-            return False
-        return now.keys() >= values.keys() and all(_same(now[k], x) for k, x in values.items())
-    except (DescriptionError, AttributeError, KeyError, TypeError):
-        return False
-
-
-def _edited(
-    text: str,
-    block: yaml.MappingNode,
-    old: Mapping[str, Any],
-    values: Mapping[str, float | list[float]],
-    newline: str,
-) -> str:
-    """The text with new values in the entries of a block, and entries that it lacks after them."""
-    pieces: list[tuple[int, int, str]] = []
-    for key, value in block.value:
-        new = values.get(key.value)
-        if new is not None and not _same(old.get(key.value), new):
-            shown = _plain({"x": new}).partition(": ")[2]
-            pieces.append((value.start_mark.index, _end(value), shown))
-    more = [_plain({name: v}) for name, v in values.items() if name not in old]
-    last = _end(block.value[-1][1])
-    if more and block.flow_style:
-        pieces.append((last, last, "".join(f", {entry}" for entry in more)))
-    elif more:
-        indent = " " * block.value[0][0].start_mark.column
-        line = text.find("\n", last)
-        line = len(text) if line < 0 else line - (text[line - 1] == "\r")
-        pieces.append((line, line, "".join(f"{newline}{indent}{entry}" for entry in more)))
-    for first, after, shown in sorted(pieces, reverse=True):
-        text = text[:first] + shown + text[after:]
-    return text
-
-
-def _same(a: object, b: float | list[float]) -> bool:
-    """Values that are one to the digits written."""
-    one, other = (x if isinstance(x, list) else [x] for x in (a, b))
-    if len(one) != len(other) or not all(isinstance(x, int | float) for x in one):
-        return False
-    return all(abs(x - y) <= _DIGITS * max(1.0, abs(y)) for x, y in zip(one, other, strict=True))
-
-
-def _lines(values: Mapping[str, float | list[float]], newline: str) -> str:
-    if not values:
-        return "home: {}"
-    rows = [f"  {_plain({name: value})}" for name, value in values.items()]
-    return newline.join(["home:", *rows])
-
-
-def _flow(values: Mapping[str, float | list[float]]) -> str:
-    return _plain({"home": dict(values)})
-
-
-def _plain(block: dict[str, Any]) -> str:
-    """One line "key: value"."""
-    dumped = yaml.safe_dump(block, default_flow_style=True, width=10**6, allow_unicode=True)
-    return str(dumped).strip()[1:-1]
-
-
-def _end(node: yaml.Node) -> int:
-    """Where a value ends in the text; a block ends with its last entry, not with what follows."""
-    if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
-        last = node.value[-1]
-        return _end(last[-1] if isinstance(last, tuple) else last)
-    return int(node.end_mark.index)

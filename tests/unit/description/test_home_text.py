@@ -12,7 +12,7 @@ import pytest
 
 import pinflex as pf
 from pinflex.description.reading import yaml_text
-from pinflex.studies.scenes.proposals import with_home
+from pinflex.studies.scenes.home import with_home
 
 POSE: dict[str, float | list[float]] = {"a": 2.5, "b": [0.5, 0.25], "c: d": 3.0}
 LINES = "home:\n  a: 2.5\n  b: [0.5, 0.25]\n  'c: d': 3.0\n"

@@ -57,8 +57,9 @@ def test_a_pin_beside_its_hole_moves_like_the_pin_in_the_plane(tmp_path: Path, g
     runs = [pf.solve(x, SWING, level="rigid", samples=21) for x in (m, plane)]
     np.testing.assert_allclose(runs[0].torque, runs[1].torque, atol=1e-11)
     np.testing.assert_allclose(m.home, plane.home, atol=1e-11)
-    assert any("open at home" in said and "pin" in said for said in runs[0].meta["warnings"])
-    assert any("open at home" in said for said in pf.check(m).warnings)
+    worth = gap > 1e-8  # less is what the digits of a file leave
+    for warnings in (runs[0].meta["warnings"], pf.check(m).warnings):
+        assert any("open at home" in said and "pin" in said for said in warnings) == worth
 
 
 @pytest.mark.parametrize("gap", [1e-9, 1e-6, 1e-4])

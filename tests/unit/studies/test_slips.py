@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import pinflex as pf
 from tests.scenes import Body, load
@@ -94,3 +95,56 @@ def test_the_branch_that_closing_takes_is_told(guess: float, side: int, tmp_path
         robot.description.with_overrides([f"home.{n}={x}" for n, x in found.moved.items()])
     )
     assert not pf.check(there).moved
+
+
+def test_holding_torques_that_are_round_off_are_none(tmp_path: Path) -> None:
+    """Hinges along gravity, their frames turned by angles of three digits: nothing to hold."""
+    turn = Rotation.from_euler("xyz", (1.1, 0.3, 0.7)).as_matrix()
+    axis = tuple(turn.T @ [0, 0, 1])
+    links = [
+        Body(f"arm_{k}", f"arm_{k - 1}" if k else "base", "revolute", (0.4 * (k > 0), 0, 0),
+             rpy=(0, 0, 0) if k else (1.1, 0.3, 0.7), axis=axis, mass=50.0, com=(0.2, 0, 0),
+             inertia=(0.1, 0.7, 0.7))
+        for k in range(3)
+    ]  # fmt: skip
+    bars = "{material: steel, section: {shape: circle, diameter: 0.05}}"
+    flexible = f"flexible: {{arm_0: {bars}, arm_1: {bars}}}\ngravity: [0, 0, -9.81]"
+    rest = pf.check(load(tmp_path, links, f"platform: arm_2\n{flexible}", inertia="urdf")).statics
+    for torques in (rest.holding_rigid, rest.holding_linear):
+        assert torques == (0.0, 0.0, 0.0)
+    assert rest.linear is not None
+    assert rest.linear.position[2] < 0.0
+
+
+def test_a_chain_on_springs_that_hangs_is_not_said_to_be_too_soft(tmp_path: Path) -> None:
+    """Begun at 0.3 rad, it comes to rest where springs and weight are both at rest: at zero."""
+    links = [
+        Body("drum", "base", "revolute", axis=(0, 1, 0), mass=1.0, inertia=(0.1, 0.1, 0.1)),
+        Body("rod", "drum", "revolute", axis=(0, 1, 0), mass=0.2, com=(0, 0, -0.25),
+             inertia=(0.004, 0.004, 1e-4)),
+        Body("hook", "rod", xyz=(0, 0, -0.5)),
+    ]  # fmt: skip
+    scene = """platform: hook
+actuated: [drum_joint]
+joints: {rod_joint: {spring: 0.5}}
+flexible: {rod: {material: aluminium, section: {shape: circle, diameter: 0.01}}}
+gravity: [0, 0, -9.81]
+home: {rod_joint: 0.3}
+"""
+    said = " ".join(pf.check(load(tmp_path, links, scene, inertia="urdf")).warnings)
+    assert "home is not where it comes to rest" in said
+    assert "rod_joint: " in said
+    assert "too soft" not in said
+
+
+def test_two_joints_in_one_entry_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(pf.DescriptionError, match="one entry for each: upper_joint, fore_joint"):
+        load(tmp_path, ARM, BEND + 'joints: {"upper_joint, fore_joint": {damper: 1}}')
+
+
+def test_a_comparison_of_a_scene_that_no_level_solves_has_its_name(tmp_path: Path) -> None:
+    load(tmp_path, ARM, BEND, inertia="urdf")
+    robot = pf.load((tmp_path / "scene.yaml").rename(tmp_path / "crane.yaml"))
+    stuck = pf.cycloid(platform={"x": 5.0}, duration=0.5)  # beyond its reach
+    done = pf.compare(robot, stuck, levels=("ked",))
+    assert done.table.name == "crane"

@@ -100,7 +100,7 @@ def test_a_run_that_ends_as_its_motion_stops_says_what_it_does_not_show(
 
 def test_a_motion_beyond_the_limits_of_the_urdf_is_named() -> None:
     """A cycloid's top speed is 2 D / T: 3.2 rad/s of a ur5 that may do 3.15."""
-    said = "shoulder_pan_joint takes a speed of up to 3.2, more than the URDF's 3.15"
+    said = "shoulder_pan_joint takes a speed of up to 3.2 rad/s, more than the URDF's 3.15"
     notes = pf.compare(pf.load("ur5"), levels=("rigid", "ked")).table.notes
     assert any(said in note for note in notes)
 
@@ -110,9 +110,9 @@ def test_a_motion_beyond_the_limits_of_the_urdf_is_named() -> None:
     assert "takes a speed" in warned()
     assert "takes a speed" not in warned("motion.duration=0.51", "solve.until=0.51")  # 3.14 rad/s
     degrees = warned("motion.joints.shoulder_pan_joint=30")
-    assert "shoulder_pan_joint gets to 30, outside the URDF's limits -6.28" in degrees
+    assert "shoulder_pan_joint gets to 30 rad, outside the URDF's limits -6.28" in degrees
     assert "Degrees? Write 90 deg" in degrees
     # and where the mechanism cannot follow: a crank of a 3-RRS that stands at 1 rad is to go 20
     move = "motion={kind: quintic, joints: {motor_1: 20}, duration: 1}"
     far = " ".join(pf.check(pf.load("3rrs", [move])).warnings)
-    assert re.search(r"singular pose.*motor_1 gets to 21, outside.*Degrees\?", far)
+    assert re.search(r"singular pose.*motor_1 gets to 21 rad, outside.*Degrees\?", far)
