@@ -170,7 +170,6 @@ def _compile(
     compiler: list[str], folder: Path, target: str, build: str, zig: tuple[str, ...],
     other: tuple[str, ...],
 ) -> Path:  # fmt: skip
-    import subprocess
 
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / name_of(target, build)
@@ -188,6 +187,8 @@ def _linked(command: list[str], out: Path) -> str:
 
     Written beside, then moved: whoever has the old one open keeps it.
     """
+    import subprocess
+
     fresh, sources = out.with_name(f"{out.name}.{os.getpid()}"), sorted(SOURCE.glob("*.c"))
     define = f'-DPINFLEX_FINGERPRINT="{fingerprint()}"'
     whole = [*command, define, *map(str, sources), "-lm", "-o", str(fresh)]
