@@ -247,6 +247,7 @@ class FeedbackState:
 # What is sampled at k T acts from k T + delay until the next output (zero-order hold), |u| <=
 # limit.
 
+MORE = 1.5  # steps of a hold, of those that a coarser run took
 _EARLY = 1e-9  # of the period: round-off of an instant's time
 # Outputs that nothing is said of, if there are no more; parts of the samples at which an output
 # turns round, and of its largest value by which, from where on that is said.

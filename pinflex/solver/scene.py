@@ -12,6 +12,7 @@ import numpy as np
 
 from pinflex.actuation.drive import TorqueDrive, breaks, motor_path, path_between
 from pinflex.actuation.feedback import (
+    MORE,
     Sampler,
     drives_motors,
     place,
@@ -47,7 +48,6 @@ Progress = Callable[[int, int], None]
 # Newton leaves of a step adds up over many that are shorter than errors ask for: of a ur5 at 1 kHz
 # 1e-7 of the displacements made 1e-3 of the platform's deviation. Of the resolution:
 _FEW_STAGES, _HELD_NEWTON, _HELD_SLOW = 4, 2e-6, 0.01
-MORE = 1.5  # steps of a hold, of those that a coarser run took
 _AT_END = 1e-7  # of the run: a break so near its end is none
 _SAME_INSTANT = 1e-9  # of a step: times so near are one
 _SAME = 1e-9  # of the run: times nearer than this are one

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pinflex.actuation.drive import breaks
+from pinflex.actuation.feedback import MORE
 from pinflex.arrays import Array, distinct
 from pinflex.description.solve import ASKED, SolveSpec
 from pinflex.doors import door
@@ -34,7 +35,6 @@ from pinflex.levels.quasistatic import UnstableWarning
 from pinflex.results.views import statistics
 from pinflex.solver.force_errors import elastic_apart, force_errors
 from pinflex.solver.judge import CONTROL, PART, Expected, Judge, expected, few
-from pinflex.solver.scene import MORE
 
 if TYPE_CHECKING:
     from pinflex.solver.scene import Progress, Scene
