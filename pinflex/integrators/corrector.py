@@ -69,10 +69,16 @@ class Corrector(Stages):
             raise np.linalg.LinAlgError("singular iteration matrix")
         return Batch(self, march, int(march.at.count))
 
-    def keep(self, steps: Batch, corrected: Batch) -> None:
-        """Go on behind steps, before others are made: where they ended, and where corrected."""
-        self._end_a = steps.kernel.steps["a"][len(steps), -1].copy()
-        self._end = {name: x[-1] for name, x in zip(STATE, corrected.states(), strict=False)}
+    def keep(self, steps: Batch) -> None:
+        """Go on behind the last of steps, before others are made: where it ended, and corrected."""
+        march, n = self.march, len(steps)
+        assert march is not None
+        self._end_a = steps.kernel.steps["a"][n, -1].copy()
+        here = n == march.at.count  # the last of them all is where the march is
+        self._end = {
+            name: (getattr(march, name) if here else march.steps[f"{name}0"][n + 1]).copy()
+            for name in STATE
+        }
 
     def workspace(self, steps: Batch) -> MarchKernel:
         """Arrays for the corrections of the steps of a run."""

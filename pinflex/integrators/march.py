@@ -130,7 +130,8 @@ class March:
     """The steps of one run.
 
     Attributes:
-        steps: Those that are pending. resolution: Of the steps to come.
+        steps: Those that are pending. resolution: Of the steps to come. kernel: Arrays of all.
+        at: Where the run is, in the C structure.
     """
 
     def __init__(

@@ -102,8 +102,8 @@ def numbers(x: npt.ArrayLike, *shape: int) -> Array:
 
 def place(x: Array, *shape: int) -> int:
     """Where an array of a shape is that the C code writes; a PinflexError where it cannot."""
-    if numbers(x, *shape) is not x:
-        raise PinflexError("kernel: an array that is not of numbers in one piece.")
+    if x.shape != shape or x.dtype != np.float64 or not x.flags.c_contiguous:
+        raise PinflexError(f"kernel: an array of {x.shape}, not {shape} numbers in one piece.")
     return x.ctypes.data
 
 

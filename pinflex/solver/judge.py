@@ -249,8 +249,8 @@ class Judge(Record):
         kept = self._samples(steps)
         self.keep(corrected, kept)
         self._better.keep(twice, kept)
-        self._corrector.keep(steps, corrected)
-        self._second.keep(corrected, twice)
+        self._corrector.keep(steps)
+        self._second.keep(corrected)
         self._histories.append({key: h.upto(kept) for key, h in histories.items()})
         return good
 
