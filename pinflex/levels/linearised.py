@@ -127,8 +127,8 @@ class LinearPath:
         U, sigma, Vt = np.linalg.svd(J[:, :, passive], full_matrices=False)
         share = np.where(sigma > _DEPENDENT * sigma[:, :1], sigma, np.inf)
         base = U @ ((Vt @ r[:, passive, None]) / share[:, :, None])
-        idle = count - int(np.min(np.sum(np.isfinite(share), axis=1)))
-        return base[:, :, 0] + (self._borne(base[:, :, 0], J) if idle else 0.0)
+        untold = count - int(np.min(np.sum(np.isfinite(share), axis=1)))
+        return base[:, :, 0] + (self._borne(base[:, :, 0], J) if untold else 0.0)
 
     def _borne(self, base: Array, J: Array) -> Array:
         """What links bear of closure forces that no rigid motion tells, shape (nt, closures).
