@@ -29,7 +29,7 @@ def distinct(*values: npt.ArrayLike) -> npt.NDArray[Any]:
 def others(count: int, some: IntArray) -> IntArray:
     """Numbers below `count` that are not among some."""
     left = np.ones(count, dtype=bool)
-    left[some] = False
+    left[np.asarray(some, dtype=np.intp)] = False  # none of any kind, too
     return np.flatnonzero(left)
 
 

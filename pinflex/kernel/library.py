@@ -30,7 +30,7 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _STRUCTURE = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
 _ARRAYS = re.compile(r"\b(Int|double) (\*[^;]*);\s*/\* \[([^\]]*)\]")  # their shape is behind
 _ENUMERATION = re.compile(r"enum \{([^}]*)\};")  # begins with a word: found quickly
-_FUNCTION = re.compile(r"\nEXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]")  # the same
+_FUNCTION = re.compile(r"\nEXPORT ([^({;]*?)(\w+)\(([^)]*)\) ?[{;]")  # begins with a line's end
 _SCALARS = {"Int": ctypes.c_int64, "int": ctypes.c_int, "double": ctypes.c_double}
 _TYPES: dict[str, npt.DTypeLike] = {"Int": np.int64, "double": np.float64}
 

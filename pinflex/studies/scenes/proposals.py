@@ -356,6 +356,8 @@ def _open_ends(mechanism: Mechanism) -> dict[tuple[int, int], float]:
     """Pairs of open ends that may move apart, by numbers of links; their distance at home [m]."""
     model, links = mechanism.rigid.rigid, mechanism.links
     ends = [k for k in range(len(links)) if _open_end(k, mechanism)]
+    if len(ends) < 2:
+        return {}
     frames = {k: model.getFrameId(links[k].name, pin.FrameType.BODY) for k in ends}
     spots = [
         {k: data.oMf[frames[k]].translation.copy() for k in ends} for data in _poses(mechanism)
