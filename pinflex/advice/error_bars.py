@@ -175,8 +175,8 @@ def run_difference(
     loose, settings = free(finer), result.meta["settings"]
     rigid = None
     if not loose and settings.get("drive") == "torque":  # it knows where its motors went, not meant
-        given = {"samples": len(result.t), "until": float(result.t[-1]), "drive": "prescribed"}
-        rigid = solve_level(mechanism, motion, "rigid", **given)
+        n, until = len(result.t), float(result.t[-1])
+        rigid = solve_level(mechanism, motion, "rigid", samples=n, until=until, drive="prescribed")
     richer = richer_run(result, finer, motion, options, static)
     found = output_differences(result, richer, loose, rigid=rigid)
     of_time, _ = time_error(settings, result.level)

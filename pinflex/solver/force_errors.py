@@ -14,6 +14,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import radau
+from pinflex.integrators.corrector import Inside
 from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import ROUND_OFF, output_differences
 from pinflex.linalg import null_space
@@ -41,7 +42,10 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
     def told() -> dict[str, float]:
         some = _worst_of_run(coarse, fine)
         with one_blas_thread():
-            a, b = (_of_forces(mechanism, run.at(some)) for run in (coarse, fine))
+            runs = coarse.at(some), fine.at(some)
+            if isinstance(settle := fine.settle, Inside) and settle is coarse.settle:
+                runs = settle.both(*runs)
+            a, b = (_of_forces(mechanism, run) for run in runs)
             found = output_differences(a, b, of=_FORCES)
             lost = _lost(mechanism, fine, b)
         return {key: max(e / gain, ROUND_OFF) + lost.get(key, 0.0) for key, e in found.items()}
