@@ -117,6 +117,8 @@ def _lost(mechanism: Mechanism, run: Run, seen: Result) -> dict[str, float]:
     if run.signals is None or run.signals.held is None or not run.system.n_eta:
         return {}
     (t, force, free), system, k = run.signals.held, run.system, len(run.t) // 2
+    if len(t) < 2:
+        return {}  # nothing has jumped
     dynamics = Equations(system)
     state = run.y[k], run.v[k], run.a[k], run.lam[k], float(run.t[k])
     M, C, K, J = dynamics.tangent(*state)
@@ -134,7 +136,7 @@ def _lost(mechanism: Mechanism, run: Run, seen: Result) -> dict[str, float]:
         place = system.expansion.frames[platform]
         moved = frame_jacobian(dynamics, state[0], place)[:3, free] @ shapes
         whole = np.abs(seen.array(f"frame/{platform}/acceleration")[:, :3]).max()
-        found["platform acceleration"] = float(np.abs(left @ moved.T).max() / whole)
+        found["platform acceleration"] = float(np.abs(left @ moved.T).max() / max(whole, 1e-300))
     fast = squares > (_STILL**2) * squares.max()
     bent = (left[:, fast] / squares[fast]) @ shapes[free >= dynamics.n_rigid][:, fast].T
     rows = slice(dynamics.n_rigid, None)
@@ -155,7 +157,7 @@ def _modes(M: Array, C: Array, K: Array, J: Array) -> tuple[Array, Array, Array]
 
 
 def _rung(factor: Array, jumps: Array) -> Array:
-    """Accelerations of modes (holds, modes) in the middle of what a jump after the other wakes."""
+    """Accelerations of modes, (holds, modes), just after each of the jumps that wake them."""
     found = np.empty(jumps.shape, dtype=complex)
     now = np.zeros(len(factor), dtype=complex)
     for k, jump in enumerate(jumps):
