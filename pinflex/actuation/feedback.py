@@ -402,7 +402,7 @@ def require_masses(
     size = np.sqrt(np.diag(M))
     size[size == 0.0] = 1.0
     scaled = M / np.outer(size, size)
-    if np.linalg.eigvalsh(scaled)[0] > _NO_MASS:
+    if np.linalg.eigvalsh(scaled).min(initial=1.0) > _NO_MASS:
         return
     still = null_space(np.concatenate([scaled, J / size]), _NO_MASS) / size[:, None]
     pushed = np.abs(feedback.B[rows].T @ still).max(axis=1, initial=0.0)

@@ -171,15 +171,19 @@ def run_difference(
     Raises:
         ConvergenceError: The richer run takes too long, or does not come to its end.
     """
-    loose = free(finer)
-    found = output_differences(result, richer_run(result, finer, motion, options, static), loose)
-    settings = result.meta["settings"]
+    loose, settings = free(finer), result.meta["settings"]
+    rigid = None
+    if not loose and settings.get("drive") == "torque":  # it knows where its motors went, not meant
+        n, until = len(result.t), float(result.t[-1])
+        rigid = solve_level(mechanism, motion, "rigid", samples=n, until=until, drive="prescribed")
+    richer = richer_run(result, finer, motion, options, static)
+    found = output_differences(result, richer, loose, rigid=rigid)
     of_time, _ = time_error(settings, result.level)
     if result.level == "coupled" and any(e < of_time.get(key, 0.0) for key, e in found.items()):
         with contextlib.suppress(PinflexError):  # below what time integration can reach
             tol = _FINER * min(float(settings.get("tol", _TOL)), _TOL)
             a, b = (richer_run(result, x, motion, options, static, tol) for x in (mechanism, finer))
-            return output_differences(a, b, loose)
+            return output_differences(a, b, loose, rigid=rigid)
     return found
 
 

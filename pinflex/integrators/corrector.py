@@ -139,13 +139,29 @@ class Inside:
         """
         return self.at(run, np.flatnonzero(on_marks(run.t, self.jumps) == (self.h == 0.0)))
 
+    def both(self, one: Run, other: Run) -> tuple[Run, Run]:
+        """Two runs that are near each other at the same samples: they share matrices."""
+
+        def mixed(name: str) -> Array:  # in turn, sample by sample
+            pair = np.stack([getattr(one, name), getattr(other, name)], axis=1)
+            return pair.reshape(2 * len(pair), *pair.shape[2:])
+
+        y, v, moved, lam, torque = map(mixed, ("y", "v", "a", "lam", "torque"))
+        found = self(Run(one.system, mixed("t"), y, v, moved, lam, torque, cost={}))
+        a, b = (slice(k, None, 2) for k in (0, 1))
+        return (
+            replace(one, a=found.a[a], lam=found.lam[a], settle=None),
+            replace(other, a=found.a[b], lam=found.lam[b], settle=None),
+        )
+
     def at(self, run: Run, some: IntArray) -> Run:
         """The same at some of its samples."""
         if not len(some):
             return run
         at, dynamics = run.at(some), Equations(run.system)
         push, a, lam = self.push(at), run.a.copy(), run.lam.copy()
-        blocks = min(_BLOCKS, -(-len(some) // _NEIGHBOURS))
+        instants = 1 + int(np.count_nonzero(np.diff(at.t)))
+        blocks = min(_BLOCKS, -(-instants // _NEIGHBOURS))
         faint = _FAINT * float(np.max(np.abs(a[:, self.free]), initial=0.0))
         for block in np.array_split(np.arange(len(some)), blocks):
             if not self._solve(dynamics, at, push, block, faint):

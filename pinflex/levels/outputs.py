@@ -324,7 +324,8 @@ def output_differences(
 
     `free`: there is no rigid motion to deviate from. `of`: the outputs that are compared; None:
     all, and where these are zero, speeds of joints. `rigid`: that motion, for platforms of which
-    results do not know where it has them: on flexible links.
+    results do not know where it has them: on flexible links, and of motors that push, which a
+    result takes where they went.
     """
     keys, found = OUTPUTS if of is None else of, dict[str, float | None]()
     if a.torque.shape[1] and "torque" in keys:

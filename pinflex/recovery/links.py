@@ -113,11 +113,11 @@ def section_resultants(
         N > 0 in tension; V, T and M are what the inner part receives from the outer.
     """
     station, twist, about = needed
-    where: Array = np.einsum("sdn,tn->tsd", body.Phi, eta, optimize=True)
+    (stations, axes, n), count = body.Phi.shape, len(eta)
+    where: Array = (eta @ body.Phi.reshape(-1, n).T).reshape(count, stations, axes)
     where[:, :, 0] += body.x
     arm = cross(where, station) if about is None else cross(where, station) + about
-    force = np.einsum("xs,tsd->txd", section.outer, station, optimize=True)
-    moment = np.einsum("xs,tsd->txd", section.outer, arm, optimize=True)
+    force, moment = section.outer @ station, section.outer @ arm
     if len(body.xt):
         moment[:, :, 0] += twist @ section.outer_twist.T
     place = d[:, :, :3].copy()

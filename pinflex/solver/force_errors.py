@@ -14,6 +14,7 @@ import numpy as np
 
 from pinflex.arrays import Array, IntArray
 from pinflex.integrators.collocation import radau
+from pinflex.integrators.corrector import Inside
 from pinflex.integrators.problem import Run
 from pinflex.levels.outputs import ROUND_OFF, output_differences
 from pinflex.linalg import null_space
@@ -41,7 +42,10 @@ def force_errors(mechanism: Mechanism, coarse: Run, fine: Run, gain: float) -> T
     def told() -> dict[str, float]:
         some = _worst_of_run(coarse, fine)
         with one_blas_thread():
-            a, b = (_of_forces(mechanism, run.at(some)) for run in (coarse, fine))
+            runs = coarse.at(some), fine.at(some)
+            if isinstance(settle := fine.settle, Inside) and settle is coarse.settle:
+                runs = settle.both(*runs)
+            a, b = (_of_forces(mechanism, run) for run in runs)
             found = output_differences(a, b, of=_FORCES)
             lost = _lost(mechanism, fine, b)
         return {key: max(e / gain, ROUND_OFF) + lost.get(key, 0.0) for key, e in found.items()}
@@ -113,6 +117,8 @@ def _lost(mechanism: Mechanism, run: Run, seen: Result) -> dict[str, float]:
     if run.signals is None or run.signals.held is None or not run.system.n_eta:
         return {}
     (t, force, free), system, k = run.signals.held, run.system, len(run.t) // 2
+    if len(t) < 2:
+        return {}  # nothing has jumped
     dynamics = Equations(system)
     state = run.y[k], run.v[k], run.a[k], run.lam[k], float(run.t[k])
     M, C, K, J = dynamics.tangent(*state)
@@ -130,7 +136,7 @@ def _lost(mechanism: Mechanism, run: Run, seen: Result) -> dict[str, float]:
         place = system.expansion.frames[platform]
         moved = frame_jacobian(dynamics, state[0], place)[:3, free] @ shapes
         whole = np.abs(seen.array(f"frame/{platform}/acceleration")[:, :3]).max()
-        found["platform acceleration"] = float(np.abs(left @ moved.T).max() / whole)
+        found["platform acceleration"] = float(np.abs(left @ moved.T).max() / max(whole, 1e-300))
     fast = squares > (_STILL**2) * squares.max()
     bent = (left[:, fast] / squares[fast]) @ shapes[free >= dynamics.n_rigid][:, fast].T
     rows = slice(dynamics.n_rigid, None)
@@ -151,7 +157,7 @@ def _modes(M: Array, C: Array, K: Array, J: Array) -> tuple[Array, Array, Array]
 
 
 def _rung(factor: Array, jumps: Array) -> Array:
-    """Accelerations of modes (holds, modes) in the middle of what a jump after the other wakes."""
+    """Accelerations of modes, (holds, modes), just after each of the jumps that wake them."""
     found = np.empty(jumps.shape, dtype=complex)
     now = np.zeros(len(factor), dtype=complex)
     for k, jump in enumerate(jumps):

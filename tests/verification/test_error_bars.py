@@ -58,6 +58,7 @@ import numpy as np
 import pytest
 
 import pinflex as pf
+from pinflex.advice.error_bars import run_difference
 from pinflex.levels.outputs import output_differences
 from pinflex.results.error_bars import NOT_MEASURED
 from tests import scenes
@@ -368,6 +369,24 @@ def test_every_motion_has_a_bar(
     told = run.errors.model
     for key in ("deflection", "stress"):
         assert 0.5 * apart[key] < told[key] < 10 * apart[key]
+
+
+def test_errors_of_time_and_of_the_model_are_of_one_deviation_where_motors_push() -> None:
+    """Soft motors of a delta lag: of the way from the motion meant, not from where they went."""
+    robot = pf.load("delta", ["solve.drive=torque", "solve.kp=20", "solve.kd=1"])
+    finer = robot.with_({"flexible.*.segments": 2})
+    keys = {"level": "coupled", "tol": 1e-3, "samples": 51, "until": 0.1, "start": "static"}
+    run = pf.solve(robot, **keys)
+    told = run_difference(run, robot, finer, robot.motion, {}, True)["platform position"]
+    rigid = pf.solve(robot, level="rigid", drive="prescribed", samples=51, until=0.1)
+    p, other, meant = (
+        x.frame(str(robot.description.platform)).position
+        for x in (run, pf.solve(finer, **keys), rigid)
+    )
+    lag = np.abs(other - meant).max()
+    assert told == pytest.approx(np.abs(p - other).max() / lag, rel=1e-9)  # the same runs
+    went = other - run.array(f"body/{robot.description.platform}/pose_rigid")[:, :, 3]
+    assert np.abs(went).max() > 2.0 * lag  # the scale before: their own sag takes the lag back
 
 
 def test_alike_links_do_not_hide_the_third_mode() -> None:
