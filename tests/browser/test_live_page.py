@@ -23,6 +23,7 @@ Claims:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,8 @@ def test_a_page_solves_what_its_command_line_solves(model, browser, pages):
     assert len(settings) == {"ur5": 6, "delta": 6, "3rrr": 4}[model]
     found = moved(browser, settings)
     mechanism = pf.load(model, found["overrides"])  # the page's own text
+    digits = [x.replace(".", "").lstrip("0") for x in re.findall(r"[\d.]+", found["command"])]
+    assert max(map(len, digits)) <= 15  # 0.3, not 0.30000000000000004
     t = np.array(found["t"])
     native = same_steps(mechanism, t)
     same = differences(found, native, mechanism)

@@ -46,15 +46,15 @@ function shaperOf(s) {
   const value = s.keys[0][1];
   return {...value, frequencies: value.frequencies.map((f) => f * (live.settings.speed ?? 1))};
 }
-/* Overrides that make a run of the command line the same. */
+/* Overrides that make a run of the command line the same: in 15 digits, as products have tails. */
 function overrides() {
-  const out = [];
+  const out = [], text = (value) => JSON.stringify(value, (key, x) => typeof x === "number" ? +x.toPrecision(15) : x);
   for (const s of DATA.live.sliders) {
     const p = live.settings[s.name], on = shaperOf(s);
-    if (on) out.push(`${s.keys[0][0]}=${JSON.stringify(on)}`);
+    if (on) out.push(`${s.keys[0][0]}=${text(on)}`);
     if (p === s.value || s.acts === "motion") continue;
     const times = (x, f) => typeof x === "number" ? x * f : Array.isArray(x) ? x.map((y) => times(y, f)) : x && typeof x === "object" ? Object.fromEntries(Object.entries(x).map(([k, y]) => [k, times(y, f)])) : x;
-    for (const [key, value, power] of s.keys) out.push(`${key}=${JSON.stringify(times(value, p ** power))}`);
+    for (const [key, value, power] of s.keys) out.push(`${key}=${text(times(value, p ** power))}`);
   }
   return out;
 }
