@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from pinflex.description.description import Description
 from pinflex.description.files import Source
 from pinflex.description.robots.urdf import Limits, limits
 from pinflex.errors import SceneError
-from pinflex.levels.modes import default_motion
+from pinflex.levels.modes import default_motion, first_modes, modes
 from pinflex.levels.quasistatic import rest
 from pinflex.levels.rigid import sharing
 from pinflex.linalg import null_space
@@ -22,19 +23,20 @@ from pinflex.mechanics.closing import axis_hint
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian, frame_pose
 from pinflex.mechanics.freedoms import INDEPENDENT
-from pinflex.mechanics.mechanism import Mechanism
+from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.parts import FlexiblePart, heavy
 from pinflex.mechanics.model.tree import Link, poses_of, sliding
 from pinflex.results.quantities import SLIDING
 from pinflex.studies.checking.parts import LinkCheck, Statics, rigid_holding
 from pinflex.studies.scenes.home import home_values
 from pinflex.studies.scenes.proposals import cut_open
-from pinflex.text import percent, plural
+from pinflex.text import number, percent, plural
 
 # What a model takes of a URDF's dynamics, what it does not, and limits that it exceeds.
 
 _SOME = 6  # names listed before "..."
-_MOST = 0.5  # of a link's mass: what rides in one place outweighs the beam and all else
+_MUCH = 0.1  # of a link's mass: what rides between its ends may matter
+_COMPARED, _PRICE = 3, 0.02  # first frequencies; by how much one moves to be worth a warning
 _PARTS = 1e-6  # of the rows, for ends that part: motions are orthonormal to 1e-12
 _NEARLY = 1e-3  # of a limit or of the way: a motion made for a limit, and what vibrates about it
 
@@ -199,6 +201,7 @@ def of(mechanism: Mechanism, links: tuple[LinkCheck, ...], rest: Statics) -> tup
         *_loose_pins(mechanism),
         *_off_axis(mechanism),
         *(text for link in links for text in _link_warnings(link)),
+        *_heavy_riders(mechanism, links),
         *(text for p in mechanism.parts.values() for text in _without_load(mechanism, p)),
         *_sag_warnings(rest, links, home_values(mechanism)),
         *_at_a_root(mechanism),
@@ -276,9 +279,9 @@ def _rides(links: Sequence[Link], number: int, on: int) -> bool:
 
 
 def _link_warnings(link: LinkCheck) -> list[str]:
-    """The beam's inertia takes the place of the URDF's, or most of that rides in one place."""
+    """The beam's inertia takes the place of the URDF's."""
     if link.share is not None:
-        return _heavy_rider(link)
+        return []
     if link.mass_difference is None or link.centre_shift is None:
         mass = link.mass + link.end_masses
         return [f"{link.name}: the URDF gives no mass; the beam has its own, {mass:.4g} kg."]
@@ -298,21 +301,40 @@ def _link_warnings(link: LinkCheck) -> list[str]:
     ]
 
 
-def _heavy_rider(link: LinkCheck) -> list[str]:
-    """Most of a link's mass is no beam's, though a denser beam may carry it."""
-    x, most = max(link.riders, key=lambda rider: rider[1], default=(0.0, 0.0))
-    if (
-        link.share is None
-        or link.share < 1
-        or not 0 < x < link.length
-        or most < _MOST * link.urdf_mass
-    ):
+def _heavy_riders(mechanism: Mechanism, links: tuple[LinkCheck, ...]) -> list[str]:
+    """Links heavier than their beams, by what the first frequencies are if all mass is spread."""
+    heavier = [
+        link.name for link in links
+        if link.share is not None and link.share >= 1
+        and max((kg for x, kg in link.riders if 0 < x < link.length), default=0.0)
+        > _MUCH * link.urdf_mass
+    ]  # fmt: skip
+    if not heavier:
         return []
+    flexible = tuple(
+        replace(spec, material=replace(spec.material, rho=None)) if spec.link in heavier else spec
+        for spec in mechanism.description.flexible
+    )
+    try:
+        spread = load(replace(mechanism.description, flexible=flexible))
+        both = [
+            first_modes(modes(one, count=one.flexible.nv, preload="none"), _COMPARED).frequencies
+            for one in (mechanism, spread)
+        ]
+    except (SceneError, np.linalg.LinAlgError):
+        return []  # which is said elsewhere
+    now, then = both
+    if len(now) != len(then) or np.all(np.abs(then / now - 1) < _PRICE):
+        return []
+    moved = [
+        f"{percent(x, sign='+')} ({number(b)} Hz)"
+        for x, b in zip(then / now - 1, then, strict=True)
+    ]
     return [
-        f"{link.name}: {percent(most / link.urdf_mass)} of its mass ({most:.4g} kg) rides in one "
-        f"place, {x:.3g} m from the root. If it is spread along the link, sag and frequencies are "
-        "others: write rho: urdf in its material, which spreads it as far as its moments of "
-        "inertia let it."
+        f"{listed(heavier)}: heavier than the beam, and the rest rides in one or two places, as "
+        "motors do. If it is spread along the link, frequencies without load change by "
+        f"{', '.join(moved)}: write material: {{like: ..., rho: urdf}}, which spreads it as far "
+        "as its moments of inertia let it."
     ]
 
 

@@ -458,25 +458,6 @@ def test_the_key_has_two_values() -> None:
         description.with_overrides([f"{solid}, inertia: urdf}}"])
 
 
-def test_check_says_that_a_heavy_link_rides_in_one_place_and_what_spreads_it(
-    tmp_path: Path,
-) -> None:
-    """A uniform bar of 50 kg over a light tube: 1.8751^2 sqrt(EI / m L^3) once it is spread."""
-    section, L, m = from_spec(TUBE), 0.5, 50.0
-    spin = m * section.Ip / section.A
-    across = m * L**2 / 12 + spin / 2
-    link = Body("link", "base", "revolute", axis=(0, 1, 0), mass=m, com=(L / 2, 0, 0),
-                inertia=(spin, across, across))  # fmt: skip
-    (text,) = (w for w in check(arm(tmp_path, link=link)).warnings if "in one place" in w)
-    assert "write rho: urdf" in text
-    rho = ("flexible.link.material={like: aluminium, rho: urdf}",)
-    robot = arm(tmp_path, link=link, overrides=rho)
-    assert not any("in one place" in w for w in check(robot).warnings)
-    expected = 1.875104**2 * np.sqrt(7e10 * section.Iy / (m * L**3))
-    # 1.5 %: shear and rotary inertia of a tube ten diameters long, which Euler's beam lacks
-    assert first_frequency(robot.parts["link"]) == pytest.approx(expected, rel=0.015)
-
-
 def test_masses_at_the_same_end_are_named_as_one(tmp_path: Path) -> None:
     text = str(check(arm(tmp_path, more="tip: {mass: 0.7}")))
     assert text.count("at the tip") == 1
