@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pinflex.arrays import Array, IntArray
 from pinflex.errors import PinflexError
-from pinflex.kernel.library import Record, aligned, loaded, names, numbers, place
+from pinflex.kernel.library import Record, aligned, loaded, names, numbers, place, shapes
 
 # Flat tables of one system, as the C code reads them; fields and shapes are those of `Tables` in
 # source/kernel.h, which says what they hold. Sizes are checked here; that every index is within
@@ -41,7 +41,7 @@ class Tables(Record):
     """Tables of one system; the C code may read every entry that they point to.
 
     Attributes:
-        counts: Sizes by name.
+        counts: Sizes by name, of what arrays follow by their lengths unless they are given.
     """
 
     def __init__(self, counts: Mapping[str, int], arrays: Mapping[str, npt.ArrayLike]) -> None:
@@ -49,8 +49,12 @@ class Tables(Record):
             pairs, products = pairs_of(arrays)
             arrays = {**arrays, **pairs}
             counts = {**counts, "pairs": len(pairs["g_first"]), "products": products}
-        self.counts = {name: int(counts[name]) for name in COUNTS}
-        sizes = self.counts | {"n_eta": counts["nv"] - counts["nv_rigid"]}
+        lengths = dict.fromkeys(COUNTS, 0)
+        for name, (_, (first, *_)) in shapes("Tables").items():
+            if first in lengths and name in arrays:
+                lengths[first] = len(arrays[name])  # type: ignore[arg-type]
+        self.counts = {name: int(counts.get(name, lengths[name])) for name in COUNTS}
+        sizes = self.counts | {"n_eta": self.counts["nv"] - self.counts["nv_rigid"]}
         super().__init__("Tables", sizes, arrays)
 
     def __reduce__(self) -> tuple[type[Tables], tuple[Any, ...]]:

@@ -316,7 +316,7 @@ def senses(mechanism: Mechanism) -> Array:
     model, closed = mechanism.rigid.expansion.model, mechanism.rigid.closed
     slides, found = sliding(model), np.zeros(len(mechanism.motors))
     at = Equations(mechanism.rigid).kinematics(mechanism.home)
-    places, held = at.poses[0, :, 9:], closed.frames(at.poses)[0, :, :, 3]
+    places, held = at.poses[0, :, :, 3], closed.frames(at.poses)[0, :, :, 3]
     for k, name in enumerate(mechanism.motors):
         if name not in slides:
             continue

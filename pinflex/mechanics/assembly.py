@@ -13,6 +13,7 @@ from pinflex.arrays import Array, IntArray, others
 from pinflex.errors import SingularityError
 from pinflex.mechanics.closure import Closures, size_of
 from pinflex.mechanics.manifold import translations
+from pinflex.mechanics.model.loads import DIRECTION
 from pinflex.text import frozen
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def units(dynamics: Equations, home: Array) -> Units:
     """Units of the closure Jacobian of a rigid mechanism."""
     closed, length = dynamics.system.closed, size_of(dynamics, home)
     rows = np.full(closed.n, 1.0 / length)
-    rows[closed.dot_rows] = 1.0
+    rows[closed.sorts == DIRECTION] = 1.0
     for one in closed.contacts:
         turns = [sort in ("tilt", "twist") for sort, _ in one.sleeve.sorts]
         rows[one.rows[turns]] = 1.0

@@ -28,6 +28,7 @@ from pinflex.mechanics.assembly import CLOSED, RANK, close_loops
 from pinflex.mechanics.closure import Closures, LogClosure, size_of
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import translations
+from pinflex.mechanics.model.loads import COUPLING, DIRECTION, DISTANCE, POINT, SLEEVE
 from pinflex.rotations import axis_frame
 from pinflex.text import frozen
 
@@ -81,7 +82,7 @@ class Misfit:
             b[:, 3] += b[:, :3] @ shift.translation
             b[:, :3] = b[:, :3] @ shift.rotation
         for name, length in self.lengths.items():
-            lengths[closed.loop_of[closed.distance_rows] == closed.names.index(name)] = length
+            lengths[closed.of(DISTANCE, closed.names.index(name))] = length
         return replace(closed, local=local, lengths=lengths)
 
 
@@ -113,13 +114,8 @@ def _size(dynamics: Equations, pose: Array) -> float:
 def _fits(dynamics: Equations, pose: Array, size: float) -> bool:
     """Whether all that stays open is a frame or a distance that can be made to fit."""
     closed, c = dynamics.system.closed, np.abs(dynamics.close(pose).c)
-    angles = np.zeros(closed.n, dtype=bool)
-    angles[closed.dot_rows] = True
-    rigid = np.zeros(closed.n, dtype=bool)
-    rigid[closed.coupled.rows] = True
-    for one in closed.contacts:
-        rigid[one.rows] = True
-    limit = np.where(angles, ANGLE, GAP * size)
+    limit = np.where(closed.sorts == DIRECTION, ANGLE, GAP * size)
+    rigid = np.isin(closed.sorts, (COUPLING, SLEEVE))
     return bool(np.all(c <= np.where(rigid, 10 * assembly.CLOSED, limit)))
 
 
@@ -141,11 +137,10 @@ def misfit(dynamics: Equations, pose: Array) -> Misfit:
             lengths[name] = float(np.linalg.norm(frames_b[k, :, 3] - frames_a[k, :, 3]))
             continue
         a, b = frames_a[k], frames_b[k]
-        held = closed.point_axes[closed.loop_of[closed.point_rows] == k]
-        u = a[:, held]
+        u = a[:, closed.a[closed.of(POINT, k)]]
         move = -u @ (u.T @ (b[:, 3] - a[:, 3]))
-        dots = closed.loop_of[closed.dot_rows] == k
-        turn = _turn(a[:, :3], b[:, :3], closed.dot_a[dots], closed.dot_b[dots])
+        dots = closed.of(DIRECTION, k)
+        turn = _turn(a[:, :3], b[:, :3], closed.a[dots], closed.b[dots])
         shifts[name] = pin.SE3(b[:, :3].T @ turn @ b[:, :3], b[:, :3].T @ move)
     return Misfit(gaps, shifts, lengths)
 
@@ -514,8 +509,8 @@ class _Search:
         k = int(np.argmax(apart + self.length * turned))
         closed = self.dynamics.system.closed
         name = closed.names[k]
-        words = [f"{apart[k]:.3g} m"] if np.any(closed.loop_of[closed.point_rows] == k) else []
-        words += [f"{turned[k]:.3g} rad"] if np.any(closed.loop_of[closed.dot_rows] == k) else []
+        words = [f"{apart[k]:.3g} m"] if len(closed.of(POINT, k)) else []
+        words += [f"{turned[k]:.3g} rad"] if len(closed.of(DIRECTION, k)) else []
         words = words or [f"{apart[k]:.3g} m"]
         hint = axis_hint(self.dynamics, loops, pose)
         tried = f"{self.tried} start{'' if self.tried == 1 else 's'}"

@@ -25,7 +25,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
@@ -33,7 +32,15 @@ from pinflex.description.blocks.external import WORLD
 from pinflex.description.blocks.joints import Coupling
 from pinflex.description.loops import ALONG, TURNED, Loop, Pairs, loop_kind
 from pinflex.mechanics.manifold import support
-from pinflex.mechanics.model.loads import Attachment, gear_name
+from pinflex.mechanics.model.loads import (
+    COUPLING,
+    DIRECTION,
+    DISTANCE,
+    POINT,
+    SLEEVE,
+    Attachment,
+    gear_name,
+)
 from pinflex.rotations import axis_frame
 from pinflex.text import frozen
 
@@ -106,12 +113,11 @@ class Closures:
     Attributes:
         names, kinds: One per loop.
         labels: One per row, "loop: what is held".
-        loop_of: Loop of each row.
+        loop_of, sorts: Loop and sort of each row.
+        a, b: Axes that rows of points (a) and directions use, else 0.
+        lengths: Of distances [m], else 1.
         bodies: Joints of A then B, shape (2 loops,).
         local: Frames a then b in their joints, [R | p], shape (2 loops, 3, 4).
-        point_rows, point_axes: Rows of point type and the axis of a they use.
-        dot_rows, dot_a, dot_b: Rows of direction type and the axes they use.
-        distance_rows, lengths: Rows of distance type and their lengths in m.
         contacts: Rows of sleeves on flexible beams.
         coupled: Rows of couplings, with the coordinates and numbers in them.
         support_a, support_b: 1 where a velocity row moves the body, shape (loops, nV).
@@ -121,15 +127,12 @@ class Closures:
     kinds: tuple[str, ...]
     labels: tuple[str, ...]
     loop_of: IntArray
+    sorts: IntArray
+    a: IntArray
+    b: IntArray
+    lengths: Array
     bodies: IntArray
     local: Array
-    point_rows: IntArray
-    point_axes: IntArray
-    dot_rows: IntArray
-    dot_a: IntArray
-    dot_b: IntArray
-    distance_rows: IntArray
-    lengths: Array
     support_a: Array
     support_b: Array
     contacts: tuple[Contact, ...] = ()
@@ -139,6 +142,11 @@ class Closures:
     def n(self) -> int:
         """Number of rows."""
         return len(self.labels)
+
+    def of(self, sort: int, loop: int | None = None) -> IntArray:
+        """Rows of a sort, of one loop or of all."""
+        rows = np.flatnonzero(self.sorts == sort)
+        return rows if loop is None else rows[self.loop_of[rows] == loop]
 
     @cached_property
     def row_mask(self) -> Array:
@@ -154,7 +162,7 @@ class Closures:
 
     def frames(self, poses: Array) -> Array:
         """Frames [R | p] of A, then of B in the world, shape (n, 2 loops, 3, 4)."""
-        R, p = np.split(poses[:, self.bodies].reshape(len(poses), -1, 4, 3).swapaxes(2, 3), [3], 3)
+        R, p = np.split(poses[:, self.bodies], [3], 3)
         found: Array = R @ self.local
         found[..., 3:] += p
         return found
@@ -185,22 +193,14 @@ class Closures:
         rows = np.asarray(rows, dtype=np.intp)
         renumber = np.full(self.n, -1, dtype=np.intp)
         renumber[rows] = np.arange(len(rows))
-
-        def kept(sort: IntArray) -> npt.NDArray[np.bool_]:
-            return renumber[sort] >= 0
-
-        p, d, s = kept(self.point_rows), kept(self.dot_rows), kept(self.distance_rows)
         return replace(
             self,
             labels=tuple(self.labels[r] for r in rows),
             loop_of=self.loop_of[rows],
-            point_rows=renumber[self.point_rows[p]],
-            point_axes=self.point_axes[p],
-            dot_rows=renumber[self.dot_rows[d]],
-            dot_a=self.dot_a[d],
-            dot_b=self.dot_b[d],
-            distance_rows=renumber[self.distance_rows[s]],
-            lengths=self.lengths[s],
+            sorts=self.sorts[rows],
+            a=self.a[rows],
+            b=self.b[rows],
+            lengths=self.lengths[rows],
             contacts=tuple(contact.select(renumber) for contact in self.contacts),
             coupled=self.coupled.select(renumber),
         )
@@ -219,43 +219,32 @@ def closures(
     loops = (*(Loop(f"coupling of {one.joint}", "coupling", "", "") for one in couplings), *loops)
     ends = [_ends(loop, frames, sleeves.get(loop.name), ground.get(loop.name)) for loop in loops]
     rows = [(k, row) for k, loop in enumerate(loops) for row in _rows(loop, sleeves)]
-    loop_of = np.array([k for k, _ in rows], dtype=np.intp)
-
-    def of(sort: str, loop: int | None = None) -> IntArray:
-        return np.array(
-            [i for i, (k, row) in enumerate(rows) if row.sort == sort and loop in (None, k)],
-            dtype=np.intp,
-        )
-
-    points, dots, distances = of("point"), of("direction"), of("distance")
-    axes, pairs, lengths = ([rows[i][1].values for i in at] for at in (points, dots, distances))
-    dot_a, dot_b = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    numbers = [(k, row.sort, row.a, row.b) for k, row in rows]
+    loop_of, sorts, a, b = np.array(numbers, dtype=np.intp).reshape(-1, 4).T.copy()
     sides = [e[0] for e in ends] + [e[1] for e in ends]
     turns = [*map(_turn_a, loops), *map(_turn_b, loops)]
     support_a, support_b = _supports(model, sides).reshape(2, len(loops), int(model.nv))
-    return Closures(
+    found = Closures(
         names=tuple(loop.name for loop in loops),
         kinds=tuple(loop.kind for loop in loops),
         labels=tuple(row.label for _, row in rows),
         loop_of=loop_of,
+        sorts=sorts,
+        a=a,
+        b=b,
+        lengths=np.array([row.length for _, row in rows], dtype=float),
         bodies=np.array([s.joint for s in sides], dtype=np.intp),
         local=_local(sides, turns),
-        point_rows=points,
-        point_axes=np.array(axes, dtype=np.intp).ravel(),
-        dot_rows=dots,
-        dot_a=dot_a.copy(),
-        dot_b=dot_b.copy(),
-        distance_rows=distances,
-        lengths=np.array(lengths, dtype=float).ravel(),
         support_a=support_a,
         support_b=support_b,
-        contacts=tuple(
-            _contact(sleeves[loop.name], k, of("sleeve", k), model)
-            for k, loop in enumerate(loops)
-            if loop.kind == "slider"
-        ),
         coupled=_coupled(couplings, model),
     )
+    contacts = (
+        _contact(sleeves[loop.name], k, found.of(SLEEVE, k), model)
+        for k, loop in enumerate(loops)
+        if loop.kind == "slider"
+    )
+    return replace(found, contacts=tuple(contacts))
 
 
 def _coupled(couplings: Sequence[Coupling], model: pin.Model) -> CoupledRows:
@@ -295,26 +284,28 @@ class _Row(NamedTuple):
     """A row of a loop: its name, its sort, and axes or length [m] of it."""
 
     label: str
-    sort: str
-    values: tuple[float, ...] = ()
+    sort: int
+    a: int = 0
+    b: int = 0
+    length: float = 1.0
 
 
 def _rows(loop: Loop, sleeves: Mapping[str, Sleeve]) -> Iterator[_Row]:
     """The rows that a loop holds."""
     kind = loop_kind(loop.kind)
     for axis in kind.points:
-        yield _Row(f"{loop.name}: position along {_AXES[axis]}", "point", (axis,))
+        yield _Row(f"{loop.name}: position along {_AXES[axis]}", POINT, axis)
     for a, b in kind.directions:
         about = _AXES[3 - a - b] if a != b else _AXES[a]
-        yield _Row(f"{loop.name}: rotation about {about}", "direction", (a, b))
+        yield _Row(f"{loop.name}: rotation about {about}", DIRECTION, a, b)
     if loop.kind == "coupling":
-        yield _Row(f"{loop.name}: coupling", "coupling")
+        yield _Row(f"{loop.name}: coupling", COUPLING)
     if loop.kind == "distance":
         length = np.nan if loop.length is None else loop.length
-        yield _Row(f"{loop.name}: distance", "distance", (length,))
+        yield _Row(f"{loop.name}: distance", DISTANCE, length=length)
     if loop.kind == "slider":
         for label in sleeves[loop.name].labels(loop.name):
-            yield _Row(label, "sleeve")
+            yield _Row(label, SLEEVE)
 
 
 def _contact(sleeve: Sleeve, loop: int, rows: IntArray, model: pin.Model) -> Contact:
@@ -378,26 +369,26 @@ class LogClosure:
         """`length` (m) weighs the rotations: the size of the mechanism."""
         self.dynamics, self.length = dynamics, length
         closed: Closures = dynamics.system.closed
-        owner = closed.loop_of[closed.dot_rows]
-        self._turns = [
-            (k, kind, closed.dot_rows[owner == k])
-            for k, kind in enumerate(closed.kinds)
-            if np.any(owner == k)
-        ]
+        turns = ((k, kind, closed.of(DIRECTION, k)) for k, kind in enumerate(closed.kinds))
+        self._turns = [turn for turn in turns if len(turn[2])]
         # -1 where two axes are to point against each other
         self.signs = np.ones(len(closed.names))
+
+    def _frames(self, poses: Array) -> list[Array]:
+        """Rotations of the frames of the loops, (loops, 3, 3) each, at one state's joint poses."""
+        return np.split(self.dynamics.system.closed.frames(poses)[0, :, :, :3], 2)
 
     def axes(self, pose: Array) -> Array:
         """Cosine of the angle of the two axes of each loop (1 where it has none), at a pose."""
         closed = self.dynamics.system.closed
-        a, b = _frames(closed, self.dynamics.joint_poses(pose))
+        a, b = self._frames(self.dynamics.joint_poses(pose))
         cosines = (a[:, :, 2] * b[:, :, 2]).sum(axis=1)
         return np.where([_holds(kind) == ALONG for kind in closed.kinds], cosines, 1.0)
 
     def twisted(self, pose: Array) -> bool:
         """Whether a weld is turned by half a turn at a pose: there its rows vanish, too."""
         closed = self.dynamics.system.closed
-        pairs = zip(closed.kinds, *_frames(closed, self.dynamics.joint_poses(pose)), strict=True)
+        pairs = zip(closed.kinds, *self._frames(self.dynamics.joint_poses(pose)), strict=True)
         return any(_holds(k) == TURNED and np.min(np.diag(a.T @ b)) < 0.5 for k, a, b in pairs)
 
     def flipped(self, pose: Array) -> bool:
@@ -408,7 +399,7 @@ class LogClosure:
         """Residual (m), shape (rows,), and its Jacobian, shape (rows, nv)."""
         d = self.dynamics
         at, closed, (c, J) = d.kinematics(y), d.system.closed, d.close(y)
-        frames_a, frames_b = _frames(closed, at.poses)
+        frames_a, frames_b = self._frames(at.poses)
         spin = at.J[0, 3:]
         for k, kind, rows in self._turns:
             a, b = frames_a[k], frames_b[k]
@@ -431,8 +422,7 @@ class LogClosure:
     def gaps(self, c: Array) -> tuple[Array, Array]:
         """How far each loop is open at a residual of `at`: m and rad, shape (loops,) each."""
         closed = self.dynamics.system.closed
-        turned = np.zeros(closed.n, dtype=bool)
-        turned[closed.dot_rows] = True
+        turned = closed.sorts == DIRECTION
         apart, angles = (np.zeros(len(closed.names)) for _ in range(2))
         np.add.at(apart, closed.loop_of[~turned], c[~turned] ** 2)
         np.add.at(angles, closed.loop_of[turned], (c[turned] / self.length) ** 2)
@@ -460,17 +450,11 @@ def _between(z: Array) -> tuple[Array, Array]:
     return f * z[:2], f * turn[:2] + np.outer(z[:2], df)
 
 
-def _frames(closed: Closures, poses: Array) -> tuple[Array, Array]:
-    """Rotations of the frames of the loops, (loops, 3, 3) each, at one state's joint poses."""
-    frames_a, frames_b = np.split(closed.frames(poses)[0, :, :, :3], 2)
-    return frames_a, frames_b
-
-
 def size_of(dynamics: Equations, y: Array) -> float:
     """Size of a mechanism at y (nq,): the largest distance of two joints or frames, m."""
     poses = dynamics.joint_poses(y)
     frames = dynamics.system.closed.frames(poses)[0, :, :, 3]
-    points = np.concatenate([poses[0, 1:, 9:], frames])
+    points = np.concatenate([poses[0, 1:, :, 3], frames])
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     largest = float(np.max(apart, initial=0.0))
     return largest if largest > LENGTHS else 1.0

@@ -34,7 +34,7 @@ from pinflex.description.loops import Loop
 from pinflex.linalg import independent_rows, null_space
 from pinflex.mechanics.closure import Closures
 from pinflex.mechanics.evaluation.equations import Equations
-from pinflex.mechanics.manifold import as_matrices, skew, support
+from pinflex.mechanics.manifold import skew, support
 from pinflex.mechanics.model.loads import Attachment
 from pinflex.mechanics.model.system import Idle
 from pinflex.mechanics.model.tree import coordinate_names
@@ -76,7 +76,7 @@ class Freedoms:
         model, frames = dynamics.model, dynamics.system.expansion.frames
         at = dynamics.kinematics(home)
         self._all, self._model, self._frames = at.J[0], model, frames
-        self._poses = [pin.SE3(p[:, :3], p[:, 3]) for p in as_matrices(at.poses[0])]
+        self._poses = [pin.SE3(p[:, :3], p[:, 3]) for p in at.poses[0]]
         self._inertia_of_rows = np.abs(np.diag(dynamics.mass(home)))
         self._carried: dict[int, str] = {}
         for name, place in frames.items():

@@ -23,7 +23,16 @@ from pinflex.arrays import Array, IntArray
 from pinflex.description.blocks.joints import Friction
 from pinflex.description.blocks.material import named
 from pinflex.description.loops import Loop
-from pinflex.mechanics.model.loads import BALL, PIN, WALL, Attachment, Touch, excess
+from pinflex.mechanics.model.loads import (
+    BALL,
+    DIRECTION,
+    PIN,
+    POINT,
+    WALL,
+    Attachment,
+    Touch,
+    excess,
+)
 from pinflex.text import frozen
 
 if TYPE_CHECKING:
@@ -374,11 +383,10 @@ def _let_go(system: System, k: int, loop: Loop) -> IntArray:
     else:
         axes = [0, 1, 2] if loop.kind == "spherical" or loop.axial is not None else [0, 1]
         about = (-1, -1)
-    points = closed.point_rows[np.isin(closed.point_axes, axes)]
-    turns = closed.dot_rows[(closed.dot_a == about[0]) & (closed.dot_b == about[1])]
-    rows = np.concatenate([points, turns])
-    mine: IntArray = rows[closed.loop_of[rows] == k]
-    return mine
+    points, turns = closed.of(POINT, k), closed.of(DIRECTION, k)
+    points = points[np.isin(closed.a[points], axes)]
+    turns = turns[(closed.a[turns] == about[0]) & (closed.b[turns] == about[1])]
+    return np.concatenate([points, turns])
 
 
 def _touches(loop: Loop, a: Attachment, b: Attachment) -> Iterator[Touch]:

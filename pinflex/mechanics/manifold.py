@@ -8,15 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray
-from pinflex.rotations import quaternion, quaternion_vector
+from pinflex.rotations import axis_turn, quaternion, quaternion_vector
 
 if TYPE_CHECKING:
     from pinflex.mechanics.evaluation.equations import Equations
 
-
-# Poses of joints as rows of twelve numbers, and cross products as matrices.
-#
-# A pose is the three axes of the joint, one after the other, and then its origin, in the world [m].
 
 ACROSS = (1, 2, 5)  # v, w and the twist, of the rows of a section: what a sleeve holds
 # p @ SKEW gives the 3x3 matrix of p x (.) for every row of p.
@@ -33,12 +29,6 @@ SKEW = np.array(
 def skew(p: Array) -> Array:
     """Matrices of p x (.), shape (n, 3, 3), for p of shape (n, 3)."""
     return np.asarray((p @ SKEW).reshape(-1, 3, 3))
-
-
-def as_matrices(poses: Array) -> Array:
-    """Poses [R | p], shape (..., 3, 4), of poses (..., 12)."""
-    columns_of = poses.reshape(*poses.shape[:-1], 4, 3)
-    return np.ascontiguousarray(columns_of.swapaxes(-1, -2))
 
 
 def support(model: pin.Model, joint: int) -> Array:
@@ -65,6 +55,17 @@ def axis_of(joint: pin.JointModel) -> Array:
 def bounded(joint: pin.JointModel) -> pin.JointModel:
     """The same joint with its angle for a coordinate."""
     return joint if joint.nq == joint.nv else pin.JointModelRevoluteUnaligned(axis_of(joint))
+
+
+def pose_of(joint: pin.JointModel, twists: Array, q: Array) -> pin.SE3:
+    """Pose of a joint with known twists in its place, at its own coordinates q (nq,)."""
+    if len(q) == twists.shape[1]:
+        return pin.exp6(twists @ q)
+    if joint.nv == 1:
+        return pin.exp6(twists @ np.arctan2(q[1:], q[:1]))
+    if joint.shortname() == "JointModelPlanar":  # x, y, cos, sin
+        return pin.SE3(axis_turn(np.eye(3)[2], np.arctan2(q[3], q[2])), np.array([*q[:2], 0.0]))
+    return pin.XYZQUATToSE3(np.append(np.zeros(7 - len(q)), q))  # a ball's is a quaternion alone
 
 
 def translations(model: pin.Model) -> Array:
@@ -169,10 +170,6 @@ class Manifold:
     def turn(self, y: Array, moves: Array, v: Array) -> Array:
         """Rates of the exponential coordinates less the velocities, shape (k, nv)."""
         d, turn = self._dynamics, np.zeros(v.shape)
-        if self._easy:
-            at = self._sphere_v
-            turn[:, at] = _turning(moves.take(at, axis=1), v.take(at, axis=1))
-            return turn
         n, model, q = d.n_rigid, d.system.rigid, y[: d.nq_rigid]
         rates = np.array([pin.dIntegrate(model, q, one[:n], pin.ARG1) for one in moves])
         turn[:, :n] = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
@@ -183,25 +180,6 @@ def _product(p: Array, q: Array) -> Array:
     """Quaternions p q, shape (..., 4), scalar last."""
     left = (p @ _TIMES).reshape(*p.shape[:-1], 4, 4)
     return np.asarray((left @ q[..., None])[..., 0])
-
-
-def _turning(angle: Array, v: Array) -> Array:
-    """Rates of rotation vectors (..., 3) less the velocities (..., 3) in the turned axes.
-
-    Source: Bullo and Murray 1995, Proportional derivative control on the Euclidean group: the
-    inverse of the right Jacobian of SO(3).
-    """
-    cross = skew(angle.reshape(-1, 3)).reshape(*angle.shape, 3)
-    across = cross @ v[..., None]
-    square = (angle * angle).sum(axis=-1, keepdims=True)
-    half = 0.5 * np.sqrt(square)
-    # 1/a^2 - 1/(2 a tan(a/2)), by its series where that loses digits.
-    small = half < 1e-2
-    safe = np.where(small, 1.0, half)
-    part = np.where(
-        small, 1.0 / 12.0 + square / 720.0, (1.0 - safe / np.tan(safe)) / (4.0 * safe * safe)
-    )
-    return np.asarray(0.5 * across[..., 0] + part * (cross @ across)[..., 0])
 
 
 def _normal(q: Array) -> Array:

@@ -416,13 +416,7 @@ class _Loading:
         model, gears = rigid.system.rigid, self.geared
         expansion = expand(self.links, parts, self.needed, model, self.gravity, gears)
         expansion.model.armature[expansion.v_at] = model.armature
-        flexible, report = flexible_system(self.description, expansion, parts, rigid)
-        own = rigid.report
-        report = replace(
-            report, mobility=own.mobility, sigma_min=own.sigma_min, starts=own.starts,
-            coupled=own.coupled, gaps=own.gaps,
-        )  # fmt: skip
-        return _Systems(parts, rigid, flexible, report)
+        return _Systems(parts, rigid, *flexible_system(self.description, expansion, parts, rigid))
 
     def parts(
         self, without: Mapping[str, Sequence[LeftOut]] | None = None, coarse: bool = False

@@ -338,7 +338,8 @@ def flexible_system(
         J = Equations(system).reference.close(np.concatenate([home, np.zeros(m)])[None]).J[0]
     kept, redundant = assembly.independent_rows(J, every.labels, fit.rank)
     own = len(idle.spins) + len(description.couplings)
-    report = LoopReport(every.n - own, len(kept) - own, redundant, 0, float("nan"))
+    rows, rank = every.n - own, len(kept) - own
+    report = replace(assembled.report, rows=rows, rank=rank, redundant=redundant)
     if redundant:
         system = replace(system, closed=every.select(kept))
     return system, report
@@ -347,7 +348,7 @@ def flexible_system(
 def _with_lengths(loops: Sequence[Loop], system: System, guess: Array) -> tuple[Loop, ...]:
     """Loops whose distances that were not given are as they are at the home guess."""
     closed = system.closed
-    some = replace(closed, lengths=np.ones(len(closed.lengths)))
+    some = replace(closed, lengths=np.ones(closed.n))
     dynamics = Equations(replace(system, closed=some))
     a, b = np.split(closed.frames(dynamics.joint_poses(guess))[0, :, :, 3], 2)
     apart = dict(zip(closed.names, np.linalg.norm(b - a, axis=1).tolist(), strict=True))
@@ -424,12 +425,11 @@ def require_mass(
 
 def mass_of_model(system: System, poses: Array) -> Array:
     """Spatial inertia (6, 6) of a model about the world's origin [kg, kg m, kg m^2]."""
-    turn, place = poses[0, :, :9].reshape(-1, 3, 3).swapaxes(1, 2), poses[0, :, 9:]
     own = np.array([inertia.matrix() for inertia in system.expansion.model.inertias.tolist()])
     own[0] = 0.0
     for joint, more in zip(system.added.joints, system.added.inertia, strict=True):
         own[joint] += more
-    return _summed(turn, place, own)
+    return _summed(poses[0, :, :, :3], poses[0, :, :, 3], own)
 
 
 def of_scene(

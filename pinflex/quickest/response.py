@@ -174,7 +174,8 @@ class _March:
             size = float(np.linalg.norm(far))
             frame = self.mechanism.frame(str(self.mechanism.description.platform))
             some = np.linspace(0, grid.moving - 1, grid.n + 1).astype(int)  # as smooth as the path
-            J = Frame(self.dynamics.model, frame).jacobian(self.dynamics.kinematics(self.y[some]))
+            at = self.dynamics.kinematics(self.y[some], frame.joint)
+            J = Frame(self.dynamics.model, frame).jacobian(at)
             ahead = np.einsum("i,kin->kn", far / size, J[:, :3])
             ahead = CubicSpline(some, ahead)(np.arange(grid.moving))
             rate = np.zeros((grid.moving, columns))

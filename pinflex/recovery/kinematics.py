@@ -19,7 +19,6 @@ from pinflex.mechanics.closure import Contact
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import motion_of
 from pinflex.mechanics.kinks import pins
-from pinflex.mechanics.manifold import as_matrices
 from pinflex.mechanics.mechanism import Mechanism
 from pinflex.mechanics.model.loads import AddedMasses, Attachment, Interface, Loads
 from pinflex.results.result import Result
@@ -228,7 +227,7 @@ def kinematics(mechanism: Mechanism, run: Run) -> Kinematics:
 def joint_poses(mechanism: Mechanism, path: Nominal) -> Mapping[int, Array]:
     """Poses of the rigid joints along a nominal motion, shape (nt, 3, 4) each."""
     dynamics = Equations(mechanism.rigid, marched=True)  # as above
-    return dict(enumerate(as_matrices(dynamics.joint_poses(path.q)).swapaxes(0, 1)))
+    return dict(enumerate(dynamics.joint_poses(path.q).swapaxes(0, 1)))
 
 
 def pose_of(poses: Mapping[int, Array], here: Attachment) -> Array:

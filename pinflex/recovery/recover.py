@@ -89,8 +89,8 @@ def shaking_of(run: Run) -> Array:
     carried = dynamics.joint_forces(y, v, run.a, 0.0 * run.lam, run.t, base).f
     out, poses = _rotors(dynamics, y, v, run.a), dynamics.joint_poses(y)
     for k, joint in enumerate(base):
-        axes, origin = poses[:, joint, :9].reshape(-1, 3, 3), poses[:, joint, 9:]
-        force, moment = ((x[:, None] @ axes)[:, 0] for x in (carried[:, k, :3], carried[:, k, 3:]))
+        turn, origin = poses[:, joint, :, :3], poses[:, joint, :, 3]
+        force, moment = ((turn @ carried[:, k, x, None])[:, :, 0] for x in (slice(3), slice(3, 6)))
         out[:, :3] -= force
         out[:, 3:] -= moment + cross(origin, force)
     return out

@@ -9,7 +9,7 @@ import numpy as np
 
 from pinflex.actuation.drive import path_between
 from pinflex.actuation.path import motor_axes
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, others
 from pinflex.description.blocks.control import Control, DigitalPid, Effort, Travel, is_system
 from pinflex.description.motions.motion import Motion
 from pinflex.errors import DescriptionError
@@ -58,7 +58,7 @@ def _referred(mechanism: Mechanism, motion: Motion, control: Control, end: float
     n, given_rate = len(control.measures), None if pid is None else pid.rate
     given = control.reference if pid is None else pid.reference
     followed, at = _motors(mechanism, control.follow, control.measures)
-    other = np.setdiff1d(np.arange(n), followed)
+    other = others(n, followed)
 
     def told(t: Array) -> Array:
         of, found = path(t), np.zeros((len(t), 2, n))

@@ -20,6 +20,7 @@ from pinflex.mechanics.closure import Closures, closures
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.evaluation.frames import frame_jacobian
 from pinflex.mechanics.mechanism import Mechanism, load, takes_model
+from pinflex.mechanics.model.loads import DISTANCE, POINT
 from pinflex.progress import Progress, barred, callback
 from pinflex.results.play import Play, PlayMap
 from pinflex.studies.pose_map import pose_of, poses_of
@@ -254,11 +255,11 @@ def _shifts(dynamics: Equations, q: Array, closed: Closures) -> Array:
     if not closed.n:
         return found
     frames, loops = closed.frames(dynamics.joint_poses(q))[0], len(closed.names)
-    a = closed.loop_of[closed.point_rows]
-    found[closed.point_rows] = frames[a, :, closed.point_axes]
-    a = closed.loop_of[closed.distance_rows]
+    points, distances = closed.of(POINT), closed.of(DISTANCE)
+    found[points] = frames[closed.loop_of[points], :, closed.a[points]]
+    a = closed.loop_of[distances]
     way = frames[loops + a, :, 3] - frames[a, :, 3]
-    found[closed.distance_rows] = way / closed.lengths[:, None]
+    found[distances] = way / closed.lengths[distances, None]
     return found
 
 
@@ -283,9 +284,7 @@ def _every_row(mechanism: Mechanism, q: Array) -> Closures:
     loops = (*description.loops, *mechanism.idle.spins)
     model, frames = system.expansion.model, system.expansion.frames
     every = closures(loops, frames, model, None, description.couplings, ground)
-    lengths = every.lengths.copy()
-    by_label = dict(zip(kept.distance_rows.tolist(), kept.lengths.tolist(), strict=True))
-    names = {kept.labels[row]: length for row, length in by_label.items()}
-    for k, row in enumerate(every.distance_rows):
-        lengths[k] = names.get(every.labels[row], lengths[k])
+    known = dict(zip(kept.labels, kept.lengths.tolist(), strict=True))
+    own = zip(every.labels, every.lengths.tolist(), strict=True)
+    lengths = np.array([known.get(label, length) for label, length in own])
     return replace(every, local=kept.local, lengths=lengths)

@@ -249,7 +249,7 @@ class Equations:
         return self.reference.map.at(np.atleast_2d(y), *given)
 
     def joint_poses(self, y: Array) -> Array:
-        """Poses of the joints at y (nq,) or (n, nq), shape (n, joints, 12)."""
+        """Poses of the joints [R | p] at y (nq,) or (n, nq), shape (n, joints, 3, 4)."""
         of = self.reference
         return _in_turn(lambda Y: (of.placing.poses(of.map.at(Y).Q),), np.atleast_2d(y))[0]
 

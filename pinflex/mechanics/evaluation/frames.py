@@ -33,10 +33,10 @@ class Frame:
         return support(self._model, self._joint)
 
     def pose(self, poses: Array) -> tuple[Array, Array]:
-        """Rotations (n, 3, 3) and origins (n, 3) in the world, from joint poses (n, joints, 12)."""
-        joint, local = poses[:, self._joint], self._placement
-        turn = joint[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-        return turn @ local.rotation, turn @ local.translation + joint[:, 9:]
+        """Rotations (n, 3, 3) and origins (n, 3) in the world, of joint poses (n, joints, 3, 4)."""
+        turn, p = np.split(poses[:, self._joint], [3], 2)
+        local = self._placement
+        return turn @ local.rotation, turn @ local.translation + p[:, :, 0]
 
     def jacobian(self, at: Kinematics) -> Array:
         """Velocity of the origin and angular velocity, world axes, by v: shape (n, 6, nv)."""

@@ -14,7 +14,7 @@ from pinflex.kernel.evaluate import Tables
 from pinflex.kernel.library import constant
 from pinflex.mechanics.closure import Closures, Contact, CoupledRows
 from pinflex.mechanics.manifold import axis_of
-from pinflex.mechanics.model.loads import Expansion, Loads
+from pinflex.mechanics.model.loads import DISTANCE, SLEEVE, Expansion, Loads
 from pinflex.mechanics.model.strain import square_tables, strain_tables
 
 if TYPE_CHECKING:
@@ -103,12 +103,11 @@ def _entries(track: Track) -> tuple[Array, ...]:
     )
 
 
-def _starts(lengths: list[int]) -> IntArray:
-    return np.concatenate([[0], np.cumsum(lengths, dtype=np.intp)]).astype(np.intp)
+def _starts(lengths: Sequence[int] | IntArray) -> IntArray:
+    return np.append(0, np.cumsum(lengths, dtype=np.intp))
 
 
 REVOLUTE, CIRCLE, SLIDE, TRANSLATION, BALL, FREE, PLANAR = range(7)
-_POINT, _DIRECTION, _DISTANCE = range(3)
 _LANES = constant("LANES")
 _KINDS = {
     **dict.fromkeys(("RX", "RY", "RZ", "RevoluteUnaligned"), REVOLUTE),
@@ -121,9 +120,7 @@ _PREFIX = "JointModel"
 
 def uncovered(system: System) -> str | None:
     """What of a system the kernel does not cover; None: it covers the system."""
-    closed = system.closed
-    known = closed.point_rows, closed.dot_rows, closed.distance_rows, closed.coupled.rows
-    if sum(map(len, (*known, *(one.rows for one in closed.contacts)))) != closed.n:
+    if np.any(system.closed.sorts > SLEEVE):
         return "closure row of another sort"
     for joint in system.expansion.model.joints.tolist()[1:]:
         name = joint.shortname().removeprefix(_PREFIX)
@@ -134,27 +131,42 @@ def uncovered(system: System) -> str | None:
 
 def node_of_joints(system: System) -> IntArray:
     """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
-    return _numbered(system.expansion.model, system.sorted_joints[0])
+    nodes, *_ = system.sorted_joints
+    node_of = np.full(int(system.expansion.model.njoints), -1)
+    node_of[nodes] = np.arange(len(nodes))
+    return node_of
 
 
 def sorted_joints(system: System) -> tuple[list[int], list[int], list[int]]:
     """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
     used = system.closed.joints | system.loads.joints
     used |= {int(joint) for joint in system.added.joints} | set(system.looked_at)
-    return _sorted(system.expansion.model, used)
-
-
-def _numbered(model: pin.Model, nodes: list[int]) -> IntArray:
-    node_of = np.full(int(model.njoints), -1)
-    node_of[nodes] = np.arange(len(nodes))
-    return node_of
+    model = system.expansion.model
+    nodes, points, twists, armature = [], [], [], model.armature
+    # as lists: each element of Pinocchio's vectors takes a microsecond
+    joints, inertias, parents = (x.tolist() for x in (model.joints, model.inertias, model.parents))
+    carrying, rows, counts = {*parents[1:]}, model.idx_vs.tolist(), model.nvs.tolist()
+    for j in range(1, int(model.njoints)):
+        if j in carrying or j in used:
+            nodes.append(j)
+            continue
+        name, inertia = joints[j].shortname().removeprefix(_PREFIX), inertias[j]
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
+        rest = xy, xz, yy, yz, zz
+        light = not armature[rows[j] : rows[j] + counts[j]].any()
+        if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
+            points.append(j)
+        elif name == "RX" and light and not any((inertia.mass, *rest)):
+            twists.append(j)
+        else:
+            nodes.append(j)
+    return nodes, points, twists
 
 
 def tables(system: System) -> Tables:
     """Tables of a covered system."""
     model, expansion, closed = system.expansion.model, system.expansion, system.closed
-    nodes, points, twists = system.sorted_joints
-    node_of = _numbered(model, nodes)
+    (nodes, points, twists), node_of = system.sorted_joints, system.node_of_joints
     nv_rigid = int(system.rigid.nv)
     arrays: dict[str, Any] = {
         "q_at": expansion.q_at, "v_at": expansion.v_at, "gravity": model.gravity.linear,
@@ -167,20 +179,8 @@ def tables(system: System) -> Tables:
     }  # fmt: skip
     arrays |= _chain(system, arrays)
     dampers = sum(spring.damper != 0.0 for spring, _, _ in system.loads.springs)
-    counts = {
-        "nq": system.nq, "nv": system.nv, "nq_rigid": int(system.rigid.nq), "nv_rigid": nv_rigid,
-        "nQ": int(model.nq), "nV": int(model.nv), "nodes": len(nodes), "points": len(points),
-        "twists": len(twists), "rows": len(arrays["row_q"]), "loops": len(closed.names),
-        "closures": closed.n, "forces": len(system.loads.forces),
-        "springs": len(system.loads.springs), "dampers": dampers,
-        "joint_springs": len(system.springs.v_at), "rubs": len(system.friction.rows),
-        "blocks": len(arrays["block_depth"]), "couplings": len(closed.coupled.rows),
-        "added": len(system.added.joints), "bent": len(arrays.get("bent_n", ())),
-        "sleeves": len(closed.contacts), "tracks": len(arrays.get("track_n", ())),
-        "squares": len(arrays.get("square_eta", ())), "kinks": len(system.kinks.rows),
-        "touches": len(system.loads.touches),
-    }  # fmt: skip
-    return Tables(counts, arrays)
+    sizes = {"nq": system.nq, "nv": system.nv, "nQ": int(model.nq)}
+    return Tables(sizes | {"closures": closed.n, "dampers": dampers}, arrays)
 
 
 def weighed(known: Tables, system: System) -> Tables:
@@ -220,29 +220,6 @@ def _beside(system: System, node_of: IntArray) -> dict[str, Any]:
     if system.kinks.rows or loads.springs:
         found |= system.kinks.tables(len(loads.springs))
     return found
-
-
-def _sorted(model: pin.Model, used: set[int]) -> tuple[list[int], list[int], list[int]]:
-    """Joints that are nodes of the tree, mass points at its leaves, and twists there."""
-    nodes, points, twists, armature = [], [], [], model.armature
-    # as lists: each element of Pinocchio's vectors takes a microsecond
-    joints, inertias, parents = (x.tolist() for x in (model.joints, model.inertias, model.parents))
-    carrying, rows, counts = {*parents[1:]}, model.idx_vs.tolist(), model.nvs.tolist()
-    for j in range(1, int(model.njoints)):
-        if j in carrying or j in used:
-            nodes.append(j)
-            continue
-        name, inertia = joints[j].shortname().removeprefix(_PREFIX), inertias[j]
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
-        rest = xy, xz, yy, yz, zz
-        light = not armature[rows[j] : rows[j] + counts[j]].any()
-        if name == "Translation" and light and not any((xx, *rest, *inertia.lever.tolist())):
-            points.append(j)
-        elif name == "RX" and light and not any((inertia.mass, *rest)):
-            twists.append(j)
-        else:
-            nodes.append(j)
-    return nodes, points, twists
 
 
 def _kind(joint: Any) -> tuple[int, Sequence[float]]:
@@ -321,22 +298,18 @@ def _map(expansion: Expansion) -> dict[str, Any]:
     rows: dict[str, list[Any]] = {"row_q": [], "row_v": [], "phi": [], "phi_i": []}
     rows |= {"phi_n": [], "g": [], "g_i": [], "g_j": [], "g_n": []}  # n: entries of each row
     for block in expansion.blocks:
-        (bodies, count, n), curved = block.Phi.shape, block.G.shape[1]
-        first = block.eta.start + n * np.arange(bodies)
+        count, first = len(block.rows), block.eta.start
         rows["row_q"].append(block.q_rows)
-        rows["row_v"].append(block.rows.ravel())
-        k, r, i = np.nonzero(block.Phi)
-        rows["phi"].append(block.Phi[k, r, i])
-        rows["phi_i"].append(first[k] + i)
-        rows["phi_n"].append(np.bincount(k * count + r, minlength=bodies * count))
-        half = np.triu(block.G) * (1.0 - 0.5 * np.eye(n))
-        k, r, i, j = np.nonzero(half)
-        rows["g"].append(half[k, r, i, j])
-        rows["g_i"].append(first[k] + i)
-        rows["g_j"].append(first[k] + j)
-        lengths = np.zeros((bodies, count), dtype=np.intp)
-        lengths[:, :curved] = np.count_nonzero(half, axis=(2, 3))
-        rows["g_n"].append(lengths.ravel())
+        rows["row_v"].append(block.rows)
+        r, i = np.nonzero(block.Phi)
+        rows["phi"].append(block.Phi[r, i])
+        rows["phi_i"].append(first + i)
+        rows["phi_n"].append(np.bincount(r, minlength=count))
+        r, i, j = np.nonzero(np.triu(block.G))
+        rows["g"].append(np.where(i == j, 0.5, 1.0) * block.G[r, i, j])
+        rows["g_i"].append(first + i)
+        rows["g_j"].append(first + j)
+        rows["g_n"].append(np.bincount(r, minlength=count))
     whole = {name: np.concatenate([np.zeros(0), *parts]) for name, parts in rows.items()}
     for name in ("phi", "g"):
         counts = whole.pop(f"{name}_n").astype(np.intp)
@@ -354,8 +327,7 @@ def _blocks(expansion: Expansion, nodes: list[int]) -> dict[str, Any]:
     first = np.zeros(int(model.nv), dtype=np.intp)  # column of each row of X
     first[expansion.v_at] = np.arange(nv)
     for block in expansion.blocks:
-        bodies, _, n = block.Phi.shape
-        first[block.rows] = nv + block.eta.start + n * np.arange(bodies)[:, None]
+        first[block.rows] = nv + block.eta.start
     at = zip(model.idx_vs.tolist(), model.nvs.tolist(), strict=True)
     rows = [slice(row, row + count) for row, count in at][1:]
     starts = distinct([first[at].min() for at in rows])
@@ -415,20 +387,14 @@ def _sparse(matrix: Array, name: str) -> dict[str, Any]:
 def _loops(closed: Closures, node_of: IntArray) -> dict[str, Any]:
     """Frames and rows of the loops, the rows of one loop side by side."""
     loops = len(closed.names)
-    points = zip(closed.point_rows, closed.point_axes, strict=True)
-    distances = zip(closed.distance_rows, closed.lengths, strict=True)
-    rows = [(closed.loop_of[r], _POINT, r, x, 0, 1.0) for r, x in points]
-    dots = zip(closed.dot_rows, closed.dot_a, closed.dot_b, strict=True)
-    rows += [(closed.loop_of[r], _DIRECTION, r, a, b, 1.0) for r, a, b in dots]
-    rows += [(closed.loop_of[r], _DISTANCE, r, 0, 0, length) for r, length in distances]
-    rows.sort()
-    of, kind, number, a, b, length = np.array(rows, dtype=float).reshape(-1, 6).T
-    at = np.concatenate([[0], np.cumsum(np.bincount(of.astype(int), minlength=loops))])
+    rows = np.flatnonzero(closed.sorts <= DISTANCE)
+    rows = rows[np.lexsort((closed.sorts[rows], closed.loop_of[rows]))]
     return {
         "node_a": node_of[closed.bodies[:loops]], "node_b": node_of[closed.bodies[loops:]],
         "frame_a": closed.local[:loops], "frame_b": closed.local[loops:],
-        "loop_at": at, "row_kind": kind, "row_number": number, "row_a": a, "row_b": b,
-        "row_length": length,
+        "loop_at": _starts(np.bincount(closed.loop_of[rows], minlength=loops)),
+        "row_kind": closed.sorts[rows], "row_number": rows, "row_a": closed.a[rows],
+        "row_b": closed.b[rows], "row_length": closed.lengths[rows],
     }  # fmt: skip
 
 

@@ -15,10 +15,10 @@ and stiffness alone has the joints and the map of another one, and is weighed an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import groupby, repeat
+from itertools import repeat
 
 import numpy as np
 import pinocchio as pin
@@ -40,39 +40,23 @@ from pinflex.mechanics.model.loads import (
 from pinflex.mechanics.model.parts import FlexiblePart
 from pinflex.mechanics.model.tree import JointStep, Link
 
-# Blocks of the coordinate map: neighbouring bodies of equal shape side by side.
-
 Row = tuple[int, Array, Array | None]  # velocity row of the expanded model, Phi (n,), G (n, n)
 
 
-def stack(
+def _blocks(
     model: pin.Model, slices: Sequence[slice], maps: Sequence[Sequence[Row]]
-) -> tuple[Block, ...]:
-    """Neighbouring bodies of equal shape in blocks, in their order; curved rows come first."""
-    sorted_maps = [sorted(rows, key=_straight) for rows in maps]
-    shapes = [
-        (len(rows), sum(not _straight(row) for row in rows), eta.stop - eta.start)
-        for rows, eta in zip(sorted_maps, slices, strict=True)
-    ]
+) -> Iterator[Block]:
+    """The map of each body; curved rows come first."""
     # where in Q each velocity row is, of joints with as many of one as of the other
     at, first, counts = (np.array(x.tolist()) for x in (model.idx_qs, model.idx_vs, model.nvs))
     q_of = np.repeat(at - first, counts) + np.arange(model.nv)
-    blocks = []
-    for (_, curved, n), numbers in groupby(range(len(slices)), key=lambda k: shapes[k]):
-        group = list(numbers)
-        rows = np.array([[m[0] for m in sorted_maps[k]] for k in group], dtype=np.intp)
-        Phi = np.array([[m[1] for m in sorted_maps[k]] for k in group], dtype=float)
-        G = np.array([[m[2] for m in sorted_maps[k][:curved]] for k in group], dtype=float)
-        eta = slice(slices[group[0]].start, slices[group[-1]].stop)
-        G = G.reshape(len(group), curved, n, n)
-        G = 0.5 * (G + G.swapaxes(2, 3))  # eta' G eta has no other part
-        blocks.append(Block(rows, q_of[rows.ravel()], Phi, G, eta))
-    return tuple(blocks)
-
-
-def _straight(row: Row) -> bool:
-    """Whether a row is linear in eta."""
-    return row[2] is None
+    for eta, every in zip(slices, maps, strict=True):
+        ordered, n = sorted(every, key=lambda row: row[2] is None), eta.stop - eta.start
+        rows = np.array([row for row, _, _ in ordered], dtype=np.intp)
+        Phi = np.array([Phi for _, Phi, _ in ordered], dtype=float).reshape(-1, n)
+        G = np.array([G for *_, G in ordered if G is not None], dtype=float).reshape(-1, n, n)
+        G = 0.5 * (G + G.swapaxes(1, 2))  # eta' G eta has no other part
+        yield Block(rows, q_of[rows], Phi, G, eta)
 
 
 _POINT, _STRAIGHT, _HERE = np.zeros((3, 3)), np.eye(3), pin.SE3.Identity()
@@ -407,7 +391,7 @@ def expand(
     drives = tuple(ElasticDrive(name, eta, row) for eta, (name, row) in places)
     slices = [slot.eta for slot in work.slots] + [slice(d.eta, d.eta + 1) for d in drives]
     turn = np.ones(1)  # the joint turns by the elastic coordinate itself
-    blocks = stack(model, slices, [*work.maps, *([(d.row, turn, None)] for d in drives)])
+    blocks = tuple(_blocks(model, slices, [*work.maps, *([(d.row, turn, None)] for d in drives)]))
     n_eta = work.n_eta + len(drives)
     slots, carried = tuple(work.slots), tuple(work.carried)
     return Expansion(model, q_at, v_at, blocks, work.frames, slots, n_eta, drives, carried)

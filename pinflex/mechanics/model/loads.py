@@ -77,16 +77,16 @@ class Slot:
 
 @frozen
 class Block:
-    """The coordinate maps of equal bodies, stacked, so that one product serves them all.
+    """The coordinate map of one body, or of a gear that gives way.
 
     X is the identity on the rigid rows and one small block per body; nothing else is stored.
 
     Attributes:
-        rows: Expanded velocity rows of each body, the curved ones first, shape (bodies, R).
-        q_rows: Where these coordinates sit in Q, shape (bodies * R,).
-        Phi: First-order part, shape (bodies, R, n).
-        G: Second-order part of the first Rc rows, shape (bodies, Rc, n, n).
-        eta: Slice of eta that covers the stacked bodies.
+        rows: Expanded velocity rows, the curved ones first, shape (R,).
+        q_rows: Where these coordinates sit in Q, shape (R,).
+        Phi: First-order part, shape (R, n).
+        G: Second-order part of the first Rc rows, shape (Rc, n, n).
+        eta: Its slice of eta.
     """
 
     rows: IntArray
@@ -115,7 +115,7 @@ class Expansion:
     Attributes:
         model: Expanded Pinocchio model.
         q_at, v_at: Where the rigid q and v sit in Q and V.
-        blocks: Maps from eta to station and interface coordinates, grouped by equal bodies.
+        blocks: Maps from eta to station and interface coordinates, body by body, then of gears.
         frames: Attachment of every link frame, by name.
         slots: The flexible bodies.
         n_eta: Number of elastic coordinates.
@@ -134,7 +134,7 @@ class Expansion:
     carried: tuple[Any, ...] = ()
 
     @cached_property
-    def last(self) -> dict[bytes, tuple[Array, Array]]:
+    def last(self) -> dict[Any, tuple[Array, Array]]:
         """Where the joints were last, see `pinflex.mechanics.reference.evaluator.Placing`."""
         return {}
 
@@ -190,6 +190,7 @@ _FAINT = 1e-9  # of the speed that friction is smoothed at: there tanh(x) / x is
 _MEET = 1e-9  # [m], far below what a drawing says
 
 
+POINT, DIRECTION, DISTANCE, COUPLING, SLEEVE = range(5)  # rows of closures: kernel/source/kernel.h
 BALL, PIN, WALL = range(3)  # in a socket, in a hole, a corner at a wall: kernel/source/touch.c
 
 

@@ -128,22 +128,19 @@ def square_tables(expansion: Expansion, g_at: IntArray) -> dict[str, Any]:
     eta: list[int] = []
     width: list[int] = []
     for block in expansion.blocks:
-        size, count, n = block.Phi.shape
-        for k in range(size):
-            start = block.eta.start + n * k
-            body, G = bodies.get(start), block.G[k]
-            same = known.get(id(body))
-            if same is None or not np.array_equal(same[0], G):
-                same = known[id(body)] = G, _squares(G, body)
-            found = same[1]
-            if found is not None:
-                rows = above + found.rows
-                rest[rows], counts[rows], first[rows] = g_at[rows], len(found.psi), len(eta)
-                weight.append(found.weight.ravel())
-                psi.append(found.psi.ravel())
-                eta += [start] * len(found.psi)
-                width += [n] * len(found.psi)
-            above += count
+        body = bodies.get(block.eta.start)
+        same = known.get(id(body))
+        if same is None or not np.array_equal(same[0], block.G):
+            same = known[id(body)] = block.G, _squares(block.G, body)
+        found = same[1]
+        if found is not None:
+            rows, (count, n) = above + found.rows, found.psi.shape
+            rest[rows], counts[rows], first[rows] = g_at[rows], count, len(eta)
+            weight.append(found.weight.ravel())
+            psi.append(found.psi.ravel())
+            eta += [block.eta.start] * count
+            width += [n] * count
+        above += len(block.rows)
     rows_of: dict[str, Any] = {
         "g_rest": rest,
         "sum_at": np.concatenate([[0], np.cumsum(counts)]),

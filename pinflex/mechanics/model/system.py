@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinflex.arrays import Array, IntArray, distinct, others
-from pinflex.kernel.evaluate import Spares, Tables
+from pinflex.kernel.evaluate import Spares
 from pinflex.mechanics.evaluation import kernel_tables
 from pinflex.mechanics.kinks import Kinks
 from pinflex.mechanics.model.loads import AddedMasses, DryFriction, Expansion, Loads, Springs
@@ -142,11 +142,6 @@ class System:
         return others(self.nv, self.held)
 
     @cached_property
-    def uncovered(self) -> str | None:
-        """What of the system the compiled kernel does not cover; None: it covers the system."""
-        return kernel_tables.uncovered(self)
-
-    @cached_property
     def looked_at(self) -> tuple[int, ...]:
         """Joints of the expanded model whose poses, motions or forces are outputs; 0: the base."""
         model, slots = self.expansion.model, self.expansion.slots
@@ -157,20 +152,10 @@ class System:
         joints |= {joint for slot in slots for joint in slot.turning}
         return tuple(sorted(joints | {0}))
 
-    @cached_property
-    def tables(self) -> Tables:
-        """Tables of a covered system for the compiled kernel."""
-        return kernel_tables.tables(self)
-
-    @cached_property
-    def sorted_joints(self) -> tuple[list[int], list[int], list[int]]:
-        """Joints that are nodes of the kernel's tree, mass points at its leaves, and twists."""
-        return kernel_tables.sorted_joints(self)
-
-    @cached_property
-    def node_of_joints(self) -> IntArray:
-        """Node of each joint of the expanded model in the kernel's tree; -1: it is none."""
-        return kernel_tables.node_of_joints(self)
+    uncovered = cached_property(kernel_tables.uncovered)
+    sorted_joints = cached_property(kernel_tables.sorted_joints)
+    node_of_joints = cached_property(kernel_tables.node_of_joints)
+    tables = cached_property(kernel_tables.tables)
 
     @cached_property
     def spares(self) -> Spares:

@@ -16,6 +16,7 @@ import numpy as np
 
 from pinflex.mechanics.kinks import Kinks, Places, Pull, moving, relative_motion
 from pinflex.mechanics.manifold import skew
+from pinflex.mechanics.model.loads import DIRECTION, DISTANCE, POINT
 from pinflex.mechanics.reference import sleeves
 from pinflex.mechanics.reference.sleeves import PAST, TINY, dot
 
@@ -110,12 +111,12 @@ def rows(closed: Closures, frames: Array, Q: Array, eta: Array) -> Array:
     loops, out = len(closed.names), np.zeros((*frames.shape[:2], closed.n), complex)
     A, B = frames[:, :, :loops], frames[:, :, loops:]
     apart = B[:, :, :, 3] - A[:, :, :, 3]
-    a = closed.loop_of[(at := closed.point_rows)]
-    out[:, :, at] = dot(A[:, :, a, closed.point_axes], apart[:, :, a])
-    a = closed.loop_of[(at := closed.dot_rows)]
-    out[:, :, at] = dot(A[:, :, a, closed.dot_a], B[:, :, a, closed.dot_b])
-    way = apart[:, :, closed.loop_of[(at := closed.distance_rows)]]
-    out[:, :, at] = (dot(way, way) - closed.lengths**2) / (2.0 * closed.lengths)
+    of = closed.loop_of[(at := closed.of(POINT))]
+    out[:, :, at] = dot(A[:, :, of, closed.a[at]], apart[:, :, of])
+    of = closed.loop_of[(at := closed.of(DIRECTION))]
+    out[:, :, at] = dot(A[:, :, of, closed.a[at]], B[:, :, of, closed.b[at]])
+    way, lengths = apart[:, :, closed.loop_of[(at := closed.of(DISTANCE))]], closed.lengths[at]
+    out[:, :, at] = (dot(way, way) - lengths**2) / (2.0 * lengths)
     out[:, :, closed.coupled.rows] = closed.coupled.value(Q)[:, None]
     for k, contact in ((k, one) for k in range(len(Q)) for one in closed.contacts):
         if len(contact.rows):  # else other loops hold all that it would
@@ -160,9 +161,8 @@ def on_segments(closed: Closures, poses: Array) -> Closures:
     for contact in closed.contacts:
         passed = 0
         for segment in contact.sleeve.segments[1:]:
-            pose = poses[segment.root.joint].reshape(4, 3)
-            axis = segment.root.placement.rotation[:, 0] @ pose[:3]
-            root = segment.root.placement.translation @ pose[:3] + pose[3]
+            pose, place = poses[segment.root.joint], segment.root.placement
+            axis, root = pose[:, :3] @ place.rotation[:, 0], pose @ [*place.translation, 1.0]
             ahead = origins[len(closed.names) + contact.loop] - root
             passed += bool(ahead @ axis >= PAST * segment.length)
         numbers.append(passed)

@@ -11,7 +11,7 @@ States are stacked: Y (n, nq), V and A (n, nv), lam (n, rows) [N | N m], t (n,) 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,36 +23,33 @@ from pinflex.arrays import Array
 from pinflex.kernel.evaluate import Closure, Energies, JointForces, Tangent
 from pinflex.mechanics.evaluation.frames import Frame
 from pinflex.mechanics.kinks import Pull, places_of, relative_motion
-from pinflex.mechanics.manifold import support
+from pinflex.mechanics.manifold import pose_of, support, twists_of
 from pinflex.mechanics.model.strain import Strain
 from pinflex.mechanics.reference import closures
 from pinflex.mechanics.reference.closures import LoadStates
 from pinflex.rotations import cross
 
 if TYPE_CHECKING:
-    from pinflex.arrays import IntArray
     from pinflex.mechanics.closure import Closures
     from pinflex.mechanics.model.system import System
 
 
 # Where joints are and how they move, at n configurations, by Pinocchio.
 #
-# Poses are rows of twelve numbers, the three axes of the joint and then its origin, in the world;
-# Jacobians give the twist of a body at the world's origin by the velocity rows that move it.
+# Poses are [R | p] in the world; Jacobians give the twist of a body at the world's origin by the
+# velocity rows that move it.
 
 _LARGE = 31  # velocity rows from which a workspace (4 nV^3 numbers) is dear beside a few looks
 
-Last = dict[bytes, tuple[Array, Array]]  # poses and Jacobian by the bytes of Q
+Last = dict[tuple[bytes, int | None], tuple[Array, Array]]  # poses and Jacobian by Q and joint
 
 
 class Placing:
     """The joints of one model."""
 
-    def __init__(
-        self, model: pin.Model, joints: Iterable[int] = (), last: Last | None = None
-    ) -> None:
-        """`joints`: those at leaves of the tree that are looked at. `last`: dear poses by Q."""
-        self.model, self._joints, self._last = model, joints, {} if last is None else last
+    def __init__(self, model: pin.Model, last: Last | None = None) -> None:
+        """`last`: what the last dear look found, which those at the same model share."""
+        self.model, self._last = model, {} if last is None else last
 
     @cached_property
     def data(self) -> pin.Data:
@@ -64,89 +61,71 @@ class Placing:
         return self.model.nv > _LARGE and "data" not in self.__dict__
 
     def poses(self, Q: Array) -> Array:
-        """Poses (n, joints, 12) at Q (n, nQ)."""
+        """Poses (n, joints, 3, 4) at Q (n, nQ)."""
         if self._dear:
             return self.jacobians(Q)[0]
         placed = []
         for q in Q:
             pin.forwardKinematics(self.model, self.data, q)
             placed.append([place.np for place in self.data.oMi])
-        return _twelve(placed)
+        return _poses(placed)
 
     def jacobians(self, Q: Array, joint: int | None = None) -> tuple[Array, Array]:
-        """Poses (n, joints, 12) and world Jacobians (n, 6, nV) at Q (n, nQ).
+        """Poses (n, joints, 3, 4) and world Jacobians (n, 6, nV) at Q (n, nQ).
 
-        Of one joint alone poses are read in a tenth of the time; those of the others are NaN. So
-        are, at several configurations of a large model, those of stations that carry nothing.
+        Of one joint alone both take a tenth of the time; those of others are not to be read.
         """
-        if self._dear and len(Q) == 1:
-            return self._jacobian_at(Q[0])
         if self._dear:
-            some = self._bones if joint is None else self.model.supports[joint].tolist()[1:]
-            looks = [self._step_by_step(q, some) for q in Q]
-            return np.concatenate([x for x, _ in looks]), np.concatenate([J for _, J in looks])
+            looks = [self._look(q, joint) for q in Q]
+            return np.array([x for x, _ in looks]), np.array([J for _, J in looks])
         placed, J = [], np.empty((len(Q), 6, self.model.nv))
         for k, q in enumerate(Q):
             J[k] = _matrix(pin.computeJointJacobians(self.model, self.data, q))
             every = self.data.oMi if joint is None else (self.data.oMi[joint],)
             placed.append([place.np for place in every])
         if joint is None:
-            return _twelve(placed), J
-        poses = np.full((len(Q), self.model.njoints, 12), np.nan)
-        poses[:, joint] = _twelve(placed)[:, 0]
+            return _poses(placed), J
+        poses = np.full((len(Q), self.model.njoints, 4, 3), np.nan).swapaxes(2, 3)
+        poses[:, joint] = _poses(placed)[:, 0]
         return poses, J
 
-    @cached_property
-    def _bones(self) -> list[int]:
-        """Joints but stations that carry nothing and are not looked at."""
-        wanted, above = {*self._joints}, {*self._tree[1]}
-        return [j for j in range(1, int(self.model.njoints)) if j in above or j in wanted]
+    def _look(self, q: Array, joint: int | None) -> tuple[Array, Array]:
+        """What a look at one configuration found, where it is known: all who load look at home."""
+        if (key := (q.tobytes(), joint)) not in self._last:
+            self._last.clear()
+            self._last[key] = self._step_by_step(q, joint)
+        return self._last[key]
+
+    def _step_by_step(self, q: Array, joint: int | None) -> tuple[Array, Array]:
+        """Poses (joints, 3, 4) and Jacobian (6, nV) at one configuration, without a workspace."""
+        joints, above, places, first = self._tree
+        some = range(1, len(joints)) if joint is None else self.model.supports[joint].tolist()[1:]
+        placed, twists = [pin.SE3.Identity()] * len(joints), [np.zeros((6, 0))]
+        rows, of = list[int](), list[int]()
+        for j in some:
+            own, axes = joints[j], twists_of(joints[j])
+            here = q[own.idx_q : own.idx_q + own.nq]
+            placed[j] = placed[above[j]] * (places[j] * pose_of(own, axes, here))
+            twists.append(axes)
+            rows += range(first[j], first[j] + axes.shape[1])
+            of += [j] * axes.shape[1]
+        poses, J = _poses([[place.np for place in placed]]), np.zeros((6, self.model.nv))
+        R, p = np.split(poses[0, of], [3], 2)
+        v, w = np.einsum("nxk,pkn->pnx", R, np.hstack(twists).reshape(2, 3, -1))
+        J[:, rows] = np.concatenate([v + cross(p[:, :, 0], w), w], axis=1).T
+        return poses[0], J
 
     @cached_property
     def _tree(self) -> tuple[list[Any], ...]:
-        """Joints, their parents and places, rows and numbers of rows, as lists: found quickly."""
+        """Joints, their parents, places and first rows, as lists: found quickly."""
         m = self.model
-        every = m.joints, m.parents, m.jointPlacements, m.idx_vs, m.nvs
-        return tuple(of.tolist() for of in every)
-
-    def _jacobian_at(self, q: Array) -> tuple[Array, Array]:
-        """The same, where it is known: at home all who load a system look."""
-        found = self._last.get(key := q.tobytes())
-        if found is None:
-            found = self._step_by_step(q, range(1, int(self.model.njoints)))
-            for array in found:
-                array.flags.writeable = False  # others look at it, too
-            self._last.clear()
-            self._last[key] = found
-        return found
-
-    def _step_by_step(self, q: Array, some: Sequence[int]) -> tuple[Array, Array]:
-        """Poses (1, joints, 12) and Jacobian (1, 6, nV) of some joints without a workspace.
-
-        Poses of the others are NaN, their columns zero.
-        """
-        joints, above, places, first, count = self._tree
-        placed, own = {0: pin.SE3.Identity()}, [np.zeros((6, 0))]
-        for j in some:
-            data = joints[j].createData()
-            joints[j].calc(data, q)
-            placed[j] = placed[above[j]] * (places[j] * data.M)
-            own.append(np.asarray(data.S, dtype=float).reshape(6, -1))
-        poses, J = np.full((1, len(joints), 12), np.nan), np.zeros((1, 6, self.model.nv))
-        poses[:, list(placed)] = _twelve([[place.np for place in placed.values()]])
-        of = [j for j in some for _ in range(count[j])]
-        rows = [first[j] + k for j in some for k in range(count[j])]
-        axes, origins = poses[0, of, :9].reshape(-1, 3, 3), poses[0, of, 9:]
-        twists = np.einsum("nkx,pkn->npx", axes, np.hstack(own).reshape(2, 3, -1))
-        twists[:, 0] += cross(origins, twists[:, 1])
-        J[0][:, rows] = twists.reshape(-1, 6).T
-        return poses, J
+        return tuple(of.tolist() for of in (m.joints, m.parents, m.jointPlacements, m.idx_vs))
 
 
-def _twelve(placed: list[list[Array]]) -> Array:
-    """Poses of n times k homogeneous matrices, shape (n, k, 12)."""
-    columns = np.array(placed).reshape(len(placed), -1, 4, 4)[:, :, :3].swapaxes(2, 3)
-    return columns.reshape(len(placed), -1, 12)
+def _poses(placed: list[list[Array]]) -> Array:
+    """Poses (n, k, 3, 4) of n times k homogeneous matrices, one axis after the other in memory."""
+    columns = np.array(placed).reshape(len(placed), -1, 4, 4).swapaxes(2, 3)
+    return np.ascontiguousarray(columns[..., :3]).swapaxes(2, 3)
 
 
 def _matrix(J: Array) -> Array:
@@ -161,7 +140,7 @@ def falling(model: pin.Model, poses: Array, J: Array) -> Array:
     """
     joints, own = int(model.njoints), model.inertias.tolist()
     mass, lever = (np.array([getattr(x, of) for x in own]) for of in ("mass", "lever"))
-    centre = (lever[:, None] @ poses[:, :9].reshape(-1, 3, 3))[:, 0] + poses[:, 9:]
+    centre = (poses[:, :, :3] @ lever[:, :, None])[:, :, 0] + poses[:, :, 3]
     first = mass[:, None] * centre
     for j, above in reversed([*enumerate(model.parents.tolist())][1:]):
         mass[above] += mass[j]
@@ -204,7 +183,7 @@ class Kinematics(NamedTuple):
 
     Attributes:
         here: Expanded configurations and map.
-        poses: Of joints, shape (n, joints, 12), see `pinflex.mechanics.manifold`.
+        poses: Of joints, [R | p] in the world, shape (n, joints, 3, 4).
         J: World Jacobians of the joints, shape (n, 6, nV).
     """
 
@@ -213,63 +192,40 @@ class Kinematics(NamedTuple):
     J: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """Rows in V and in Q of one body, its columns of X, Phi (R, n), and G (Rc, n, n)."""
-
-    rows: IntArray
-    q_rows: IntArray
-    columns: slice
-    Phi: Array
-    G: Array
-
-
 class CoordinateMap:
     """The map of one system."""
 
     def __init__(self, system: System) -> None:
-        self._system, self._bodies = system, [*_bodies(system)]
-        on = system.expansion
+        self._system, on, n = system, system.expansion, int(system.rigid.nv)
         self._neutral = pin.neutral(on.model)
         self._X = np.zeros((int(on.model.nv), system.nv))
         self._X[on.v_at, np.arange(len(on.v_at))] = 1.0
-        for body in self._bodies:
-            self._X[body.rows, body.columns] = body.Phi
+        for block in on.blocks:
+            self._X[block.rows, n + block.eta.start : n + block.eta.stop] = block.Phi
 
     def at(self, Y: Array, V: Array | None = None, A: Array | None = None) -> Configuration:
         """The map at n states."""
         none = np.zeros((len(Y), self._system.nv))
         V, A = none if V is None else V, none if A is None else A
-        if not self._bodies:
+        on, n = self._system.expansion, int(self._system.rigid.nv)
+        if not on.blocks:
             return Configuration(Y, V, A, None)
-        on, shift = self._system.expansion, int(self._system.rigid.nq - self._system.rigid.nv)
+        every, rates = Y[:, int(self._system.rigid.nq) :], V[:, n:]
         Q = np.tile(self._neutral, (len(Y), 1))
         Q[:, on.q_at] = Y[:, : len(on.q_at)]
         X = np.tile(self._X, (len(Y), 1, 1))
         swept = np.zeros((len(Y), len(self._X)))  # Xdot v
-        for body in self._bodies:
-            eta = Y[:, body.columns.start + shift : body.columns.stop + shift]
-            rate, bent = V[:, body.columns], body.rows[: len(body.G)]
-            turned = np.einsum("rij,nj->nri", body.G, eta)
-            Q[:, body.q_rows] = eta @ body.Phi.T
-            Q[:, body.q_rows[: len(body.G)]] += 0.5 * np.einsum("nri,ni->nr", turned, eta)
-            X[:, bent, body.columns] += turned
-            swept[:, bent] = np.einsum("rij,ni,nj->nr", body.G, rate, rate)
+        for block in on.blocks:
+            G, eta, rate = block.G, every[:, block.eta], rates[:, block.eta]
+            bent, columns = block.rows[: len(G)], slice(n + block.eta.start, n + block.eta.stop)
+            turned = np.einsum("rij,nj->nri", G, eta)
+            Q[:, block.q_rows] = eta @ block.Phi.T
+            Q[:, block.q_rows[: len(G)]] += 0.5 * np.einsum("nri,ni->nr", turned, eta)
+            X[:, bent, columns] += turned
+            swept[:, bent] = np.einsum("rij,ni,nj->nr", G, rate, rate)
         return Configuration(
             Q, (X @ V[:, :, None])[:, :, 0], (X @ A[:, :, None])[:, :, 0] + swept, X
         )
-
-
-def _bodies(system: System) -> list[_Body]:
-    first, found = int(system.rigid.nv), []
-    for block in system.expansion.blocks:
-        bodies, count, n = block.Phi.shape
-        q_rows = block.q_rows.reshape(bodies, count)
-        for k in range(bodies):
-            start = first + block.eta.start + k * n
-            columns = slice(start, start + n)
-            found.append(_Body(block.rows[k], q_rows[k], columns, block.Phi[k], block.G[k]))
-    return found
 
 
 # Of the differences along y [rad | m]: the fourth order leaves 1e-13 of a force, as does round-off.
@@ -289,7 +245,7 @@ class Reference:
     def __init__(self, system: System) -> None:
         self.system, self.model = system, system.expansion.model
         self.map = CoordinateMap(system)
-        self.placing = Placing(self.model, system.looked_at, system.expansion.last)
+        self.placing = Placing(self.model, system.expansion.last)
         self.strain = Strain(system)
         self._q, self._v = int(system.rigid.nq), int(system.rigid.nv)
 
@@ -566,5 +522,4 @@ def _states(here: Configuration) -> Iterator[tuple[Array, Array, Array]]:
 
 
 def _place(pose: Array) -> pin.SE3:
-    """A pose of twelve numbers."""
-    return pin.SE3(pose[:9].reshape(3, 3).T, pose[9:])
+    return pin.SE3(pose[:, :3], pose[:, 3])

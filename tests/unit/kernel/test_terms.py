@@ -62,8 +62,8 @@ KNOWN: dict[type, str] = {
     "triangles shapes stress",
     Cut: "x Phi G outer outer_twist",
     Node: "name place Phi G",
-    Closures: "names kinds labels loop_of bodies local point_rows point_axes dot_rows dot_a "
-    "dot_b distance_rows lengths support_a support_b contacts coupled",
+    Closures: "names kinds labels loop_of sorts a b lengths bodies local support_a support_b "
+    "contacts coupled",
     CoupledRows: "rows J at A offset",
     Contact: "sleeve loop rows supports on",
     Sleeve: "link placement length half sorts track eta segments",

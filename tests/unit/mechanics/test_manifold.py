@@ -4,8 +4,8 @@ Claims:
     Levels, energy, steps
     - circles and spheres moved side by side = one by one, and back | 1e-14 | passes
     - coordinates that the caller writes are left alone | equal | passes
-    Tolerances, collocation
-    - rates of rotation vectors in closed form | Pinocchio | 1e-12 | 4e-14
+    - poses and Jacobians of a tree with joints of every kind, half a turn and nearly so too, seen
+      joint by joint | Pinocchio | 1e-12 | 3e-14
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import pytest
 
 from pinflex.mechanics.evaluation.equations import Equations
 from pinflex.mechanics.manifold import Manifold
+from pinflex.mechanics.reference.evaluator import Placing
 from tests.scenes import Body, load
 
 _BENDS = """
@@ -27,6 +28,10 @@ flexible:
     section: {shape: circle, diameter: 0.01}
     end: tip
 """
+
+_CIRCLE = """<robot name="circle"><link name="a"/><link name="b"/>
+<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0.6 0.8"/></joint>
+</robot>"""
 
 
 @pytest.mark.parametrize(
@@ -65,22 +70,25 @@ def test_side_by_side_as_one_by_one(tmp_path: Path, first: str, second: str, cir
     assert np.abs(away).max() < 1e-13  # a hundred moves in a row stay on the circle
 
 
-@pytest.mark.parametrize("angle", [1e-8, 1.9e-2, 2.1e-2, 1.0, 3.0])
-def test_rates_of_a_rotation_vector_are_those_of_pinocchio(tmp_path: Path, angle: float) -> None:
-    bodies = (
-        Body("crank", "base", "continuous", mass=1, inertia=(1, 1, 1)),
-        Body("arm", "crank", "fixed", xyz=(0, 0, 1)),  # made spherical in the YAML
-        Body("tip", "arm", xyz=(1, 0, 0)),
-    )
-    m = load(tmp_path, bodies, f"actuated: []\njoints:\n  arm_joint: {{type: spherical}}\n{_BENDS}")
-    d, rng = Equations(m.flexible), np.random.default_rng(3)
-    moves, v = rng.normal(size=(2, 4, m.flexible.nv))
-    ball = slice(1, 4)
-    moves[:, ball] *= angle / np.linalg.norm(moves[:, ball], axis=1, keepdims=True)
-    n, q = d.n_rigid, m.undeformed()[: d.nq_rigid]
-    rates = np.array([pin.dIntegrate(d.system.rigid, q, one[:n], pin.ARG1) for one in moves])
-    expected = np.linalg.solve(rates, v[:, :n, None])[:, :, 0] - v[:, :n]
-    turn = Manifold(d).turn(m.undeformed(), moves, v)
-    # Pinocchio's own series loses digits at small angles.
-    np.testing.assert_allclose(turn[:, :n], expected, atol=1e-12)
-    assert not turn[:, n:].any()
+@pytest.mark.parametrize("short", [0.0, 1e-12, 1e-8, 1e-4, 1.0])
+def test_joints_seen_one_by_one_are_where_pinocchio_has_them(short: float) -> None:
+    """A large tree, of which Pinocchio's workspace is not made; angles short of half a turn."""
+    model, rng = pin.Model(), np.random.default_rng(5)
+    axis = np.array([0.0, 0.6, 0.8])
+    circle = pin.buildModelFromXML(_CIRCLE).joints[1]
+    kinds = (
+        pin.JointModelFreeFlyer(), pin.JointModelPlanar(), pin.JointModelSpherical(), circle,
+        pin.JointModelRUBZ(), pin.JointModelRevoluteUnaligned(axis), pin.JointModelRX(),
+        pin.JointModelPrismaticUnaligned(axis), pin.JointModelPY(), pin.JointModelTranslation(),
+    )  # fmt: skip
+    for k, kind in enumerate(kinds * 2):
+        model.addJoint(k, kind, pin.SE3.Random(), f"joint {k}")
+    move = np.pi * np.sign(rng.normal(size=model.nv)) - short
+    move[3:6] /= np.sqrt(3.0)  # of a rotation vector
+    Q = np.array([pin.integrate(model, pin.neutral(model), x) for x in (move, 0.1 * move)])
+    seen, known = Placing(model), Placing(model)
+    assert model.nv > 31 and known.data is not None  # made: the other way round
+    for mine, theirs in zip(seen.jacobians(Q), known.jacobians(Q), strict=True):
+        # round-off: a chain of twenty joints, each some metres from the next
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-12)
+    assert "data" not in vars(seen)

@@ -85,7 +85,7 @@ def test_at_a_border_both_segments_write_the_same_rows(case: str, tmp_path: Path
     closed, y = m.flexible.closed, state(m, BORDER)[0]
     root, loop = closed.contacts[0].sleeve.segments[1].root, closed.contacts[0].loop
     poses, loops = d.joint_poses(y), len(closed.names)
-    y[1:4] += closed.frames(poses)[0, loops + loop, :, 3] - poses[0, root.joint, 9:]
+    y[1:4] += closed.frames(poses)[0, loops + loop, :, 3] - poses[0, root.joint, :, 3]
     at, eta, found = d.kinematics(y), y[8:], []
     for number in (0, 1):
         on = closed.on((number,))
