@@ -89,7 +89,7 @@ class Corrector:
     def _made(self, steps: Batch) -> MarchKernel:
         """Room for the corrections of the steps of a run."""
         m, none = self.stages.method, np.zeros(0, dtype=np.intp)  # nothing is judged
-        room = int(steps.kernel.at.capacity), 0
+        room = len(steps.kernel.steps["t"]) - 1, 0  # of its largest batch
         given = {"measured_at": none, "weight": none, "stop_at": none, "kind": none}
         made = self.stages.kernel.march(m.powers | given, steps.table, room)
         made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
