@@ -83,10 +83,9 @@ class Corrector(Stages):
     def workspace(self, steps: Batch) -> MarchKernel:
         """Arrays for the corrections of the steps of a run."""
         none = np.zeros(0, dtype=np.intp)  # nothing is judged
+        room = len(steps.kernel.steps["t"]) - 1, 0  # of its largest batch
         given = {"measured_at": none, "weight": none, "stop_at": none, "kind": none}
-        made = self.kernel.march(
-            vars(self.method) | given, steps.kernel.table, (int(steps.kernel.at.capacity), 0)
-        )
+        made = self.kernel.march(vars(self.method) | given, steps.kernel.table, room)
         made.at.slow, made.at.same_step = self._slow, steps.kernel.at.same_step
         return made
 

@@ -32,7 +32,10 @@ STAGES = 6
 # First step, of the run. A long one damps what begins to ring there, and nothing shows that it
 # did: two runs would agree without it. Only a run that knows no scale begins so.
 LONG, SHORT = 0.02, 1e-3
-TOGETHER = 8  # steps that are judged at once
+# Steps that are judged at once: at first, after a batch that was sent back, and at the most. What
+# Python does with a batch takes as long as some steps of a small system; of a large one (of more
+# coordinates) it counts for little, and tangents of many steps would take hundreds of MB.
+TOGETHER, BACK, MOST, LARGE = 16, 8, 32, 128
 _RECORDED = 64  # steps of a batch that nobody judges
 _PATIENCE = 0.2  # s: so long the kernel marches on before signals are looked at
 _RUNS_AWAY = 1e6  # m/s or rad/s: no mechanism in SI units gets there by itself
@@ -168,6 +171,10 @@ class March:
         self._start()
         self._begun = self.now, {name: getattr(at, name) for name in _POINT}, first
         self.steps = self._batch(0)
+
+    def together(self, steps: int) -> None:
+        """Let batches hold no more steps than these."""
+        self.at.capacity = steps
 
     @property
     def done(self) -> bool:
@@ -333,8 +340,12 @@ def integrate(
     Raises:
         ConvergenceError, MotionError: With `.result` (a Run) up to the last good step.
     """
-    ends, room = (float(t[0]), float(t[-1])), (TOGETHER, TOGETHER + 1) if judged else (_RECORDED, 1)
+    ends, size, most = (float(t[0]), float(t[-1])), _RECORDED, _RECORDED
+    if judged:
+        small = radau.problem.dynamics.system.nv <= LARGE
+        size, most = (TOGETHER, MOST) if small else (BACK, BACK)
     first = first * (ends[1] - ends[0])
+    room = most, most + 1 if judged else 1
     march = March(name, radau, start, ends, stops, first, room, scale, pilot)
     record.start(march.now)
 
@@ -350,9 +361,11 @@ def integrate(
     waiting = True  # whether the steps that are pending have yet to be recorded
     try:
         while not march.done:
+            march.together(size)
             march.advance(record.resolution)
             waiting = False
             good = record.take(march.steps)
+            size = min(2 * size, most) if good == len(march.steps) else BACK
             march.settle(good, record.resolution)
             waiting = True
             if progress is not None:

@@ -25,7 +25,7 @@ from pinflex.errors import (
     nearest,
     reason,
 )
-from pinflex.integrators.march import TOGETHER
+from pinflex.integrators.march import MOST
 from pinflex.levels.modes import default_step
 from pinflex.mechanics.mechanism import Mechanism, takes_model
 from pinflex.progress import Callback, Progress, Stages
@@ -85,7 +85,7 @@ def solved(
 def _limited(mechanism: Mechanism, motion: Motion | None, progress: Callback | None) -> Callback:
     """A progress that ends a run once it has taken more steps than equal steps would."""
     end = mechanism.description.solve.until or (motion or default_motion(mechanism)).duration
-    left = int(end / default_step(mechanism, end)) // TOGETHER  # steps of one report
+    left = int(end / default_step(mechanism, end)) // MOST  # steps of one report, at the most
 
     def report(done: int, of: int) -> None:
         nonlocal left
