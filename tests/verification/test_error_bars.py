@@ -384,7 +384,8 @@ def test_errors_of_time_and_of_the_model_are_of_one_deviation_where_motors_push(
         for x in (run, pf.solve(finer, **keys), rigid)
     )
     lag = np.abs(other - meant).max()
-    assert told == pytest.approx(np.abs(p - other).max() / lag, rel=1e-9)  # the same runs
+    # The same runs, or runs by a finer tolerance where time's own error is larger than the model's.
+    assert told == pytest.approx(np.abs(p - other).max() / lag, rel=0.02)
     went = other - run.array(f"body/{robot.description.platform}/pose_rigid")[:, :, 3]
     assert np.abs(went).max() > 2.0 * lag  # the scale before: their own sag takes the lag back
 
