@@ -48,6 +48,9 @@ class Collocation:
     basis: Array
     basis_0: Array
 
+    def __repr__(self) -> str:
+        return f"Collocation(s={self.s})"
+
     @property
     def s(self) -> int:
         """Number of stages."""

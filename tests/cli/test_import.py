@@ -336,6 +336,39 @@ def test_an_end_beyond_a_head_is_the_platform_and_the_first_motion_keeps_limits(
     assert not [w for w in pf.check(robot).warnings if w.startswith("motion")]
 
 
+def test_a_camera_that_motors_turn_is_the_end_of_a_crane(tmp_path: Path) -> None:
+    """Its pan would take 900 N m at .5 s, half of which motors may be asked for; a mesh is missing.
+
+    The peak torque of a cycloid about a still axis is 2 pi D I / T^2.
+    """
+    urdf = bar("boom", 4, 30, (0.1, 0.1), True) + bar("camera_body", 0.2, 9, (0.1, 0.1), False)
+    urdf = urdf.replace(
+        '<link name="camera_body">', '<link name="camera_body"><visual><geometry>'
+        '<mesh filename="package://crane/camera.stl"/></geometry></visual>',
+    )  # fmt: skip
+    urdf += '<link name="lens"/>' + JOINT.format("pan", "revolute", "base", "boom", 0, 1, 1)
+    urdf += JOINT.format("tilt", "revolute", "boom", "camera_body", 4, 1, 1)
+    urdf += JOINT.format("f", "fixed", "camera_body", "lens", 0.2, 1, 1)
+    raw, robot = guessed(tmp_path / "crane.urdf", urdf)
+    assert raw["platform"] == "lens"
+    assert "mesh not found: package://crane/camera.stl" in (tmp_path / "crane.yaml").read_text()
+    seconds = raw["motion"]["duration"]
+    peak = np.abs(pf.solve(robot, level="rigid", samples=201).torque).max()
+    about = 30 * 4**2 / 3 + 9 * 4.1**2  # and the small ones about their own centres: 1 %
+    assert peak == pytest.approx(2 * np.pi * 0.1 * about / seconds**2, rel=0.01)
+    assert peak < 450 < 4 * peak
+
+
+def test_a_link_drawn_elsewhere_than_along_its_span_is_no_beam(tmp_path: Path) -> None:
+    """A trolley of a gantry: its mast slides from a point that a file puts anywhere on the line."""
+    urdf = bar("trolley", 0.1, 6, (0.2, 0.2), True) + bar("mast", 0.8, 5, (0.06, 0.06), True)
+    urdf += '<link name="nozzle"/>' + JOINT.format("y", "revolute", "base", "trolley", 0, 1, 1)
+    urdf += JOINT.format("z", "revolute", "trolley", "mast", 0.9, 1, 1)
+    urdf += JOINT.format("f", "fixed", "mast", "nozzle", 0.8, 1, 1)
+    raw, _ = guessed(tmp_path / "gantry.urdf", urdf)
+    assert [*raw["flexible"]] == ["mast"]
+
+
 def test_flexible_links_that_are_bolted_together_do_not_overlap(tmp_path: Path) -> None:
     urdf = bar("boom", 1, 8, (0.06, 0.06), True) + bar("extension", 0.8, 4, (0.05, 0.05), True)
     urdf += bar("jib", 0.5, 2, (0.04, 0.04), True) + '<link name="tool0"/>'

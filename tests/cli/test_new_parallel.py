@@ -365,3 +365,27 @@ def test_two_arms_whose_tips_are_near_are_open(tmp_path: Path, effort: float) ->
     path.write_text(text, "utf-8")
     assert main(["new", str(path)]) == 0
     assert ("# loops:" in path.with_suffix(".yaml").read_text("utf-8")) == (effort == 0)
+
+
+def test_efforts_name_the_motors_where_names_leave_a_freedom(tmp_path: Path) -> None:
+    """A leg with a parallelogram: `drive` is a motor by its name, `hip` by its effort limit."""
+    rows: list[Row] = [
+        ("hip", "revolute", "base", "thigh", (0, 0, 0), turned("y", 1.2), "y"),
+        ("knee", "revolute", "thigh", "shank", (0.3, 0, 0), turned("y", 0.9), "y"),
+        ("f1", "fixed", "shank", "foot", (0.42, 0, 0), STRAIGHT, "x"),
+        ("f2", "fixed", "shank", "shank_pin", (-0.1, 0, 0), STRAIGHT, "x"),
+        ("drive", "revolute", "base", "lever", (0, 0, 0), turned("y", 2.1 + np.pi), "y"),
+        ("pin", "revolute", "lever", "rod", (0.1, 0, 0), turned("y", -0.9 - np.pi), "y"),
+        ("f3", "fixed", "rod", "rod_end", (0.3, 0, 0), STRAIGHT, "x"),
+    ]
+    path = drawn(tmp_path, rows, "thigh|shank$|lever|rod$")
+    text = path.read_text("utf-8")
+    for name in ("hip", "knee", "drive", "pin"):
+        effort = 40 if name in ("hip", "drive") else 0
+        limit = f'<limit lower="-2" upper="2" effort="{effort}" velocity="8"/></joint>'
+        start = text.index(f'<joint name="{name}"')
+        text = text[:start] + text[start:].replace("</joint>", limit, 1)
+    path.write_text(text, "utf-8")
+    written, robot = proposed(path)
+    assert "actuated: [hip, drive]  # mobility 2 with these loops" in written
+    assert robot.report.mobility == 2  # four joints less two rows of a plane loop

@@ -299,7 +299,7 @@ def test_a_command_beyond_a_limit_curve_is_refused(tmp_path: Path) -> None:
 def test_check_says_what_is_in_the_drives(tmp_path: Path) -> None:
     rubs = "friction: {coulomb: 2, breakaway: 3}"
     text = " ".join(str(check(arm(tmp_path, f"{GEAR}, {rubs}"))).split())
-    assert "1 coordinates in 0 flexible links and 1 elastic drive" in text
+    assert "1 coordinate in 0 flexible links and 1 elastic drive" in text
     assert "2.000 (3.000 at rest)" in text
     assert "rotors turn about their own axes only (Spong), and there is no backlash" in text
     assert "dry friction is smooth below 0.001 rad/s" in text

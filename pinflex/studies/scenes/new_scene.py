@@ -30,6 +30,7 @@ from pinflex.mechanics.mechanism import Mechanism, load
 from pinflex.mechanics.model.planes import beam_frame
 from pinflex.mechanics.model.tree import Link, model_of
 from pinflex.results.drawing import drawing_of, urdf_parts
+from pinflex.results.result import Result
 from pinflex.studies.scenes import proposals
 from pinflex.studies.scenes.home import home_values
 from pinflex.text import plural
@@ -52,6 +53,7 @@ _DENSITIES = {name: MATERIALS[name].rho or np.nan for name in ("aluminium", "ste
 Sides = tuple[float, float, bool]  # along beam y and z [m], and whether it is round
 _CORNER = 1.2  # half widths from the middle to the furthest point: 1 of a circle, 1.41 of a box
 _SLIM = 100  # lengths over sides of a bar: a thinner one is a slip, or a point mass
+_DRAWN = "the drawing at the middle of the span"
 _SEEN = 1e-3  # of the span: a drawing that is thinner says nothing
 
 
@@ -71,11 +73,11 @@ class Guess:
     why: str
 
 
-def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
-    """Links with mass and a span, longest first, each of which loads with its guess."""
+def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> tuple[list[Guess], list[str]]:
+    """Links with mass and a span, longest first, each of which loads; what is not drawn of them."""
     description = mechanism.description
     visuals = drawing_of({"drawing": urdf_parts(description.urdf_text)}).visuals
-    looks, _ = surfaces_of(visuals, description.package_dirs)
+    looks, notes = surfaces_of(visuals, description.package_dirs)
     spans = _spans(mechanism)
     longest = max((length for _, length, _ in spans.values()), default=0.0)
     found: list[Guess] = []
@@ -85,12 +87,12 @@ def candidates(mechanism: Mechanism, only: tuple[str, ...] = ()) -> list[Guess]:
         if wanted:
             link = next(link for link in mechanism.links if link.name == name)
             sides, seen = _sides(link, looks.get(name), frame, length)
-            if max(sides[:2]) > length and not only:
-                continue  # a block or a plate
+            if not only and (max(sides[:2]) > length or (name in looks and seen != _DRAWN)):
+                continue  # a block or a plate, or drawn elsewhere than along its span
             bar = _bar(sides, length, link.inertia.mass, seen)
             made = _guess(mechanism, name, end, *bar, length)
             found += [made] if made is not None else []
-    return found
+    return found, [note.partition(";")[0] for note in notes if "not found" in note]
 
 
 def _spans(mechanism: Mechanism) -> dict[str, tuple[str | None, float, Array]]:
@@ -155,7 +157,7 @@ def _on(number: int, links: Sequence[Link], ends: Sequence[Link]) -> list[tuple[
 def _sides(link: Link, look: Surface | None, frame: Array, length: float) -> tuple[Sides, str]:
     """How wide a link is, and where that is from."""
     if look is not None and (seen := _widths(look, frame, length)):
-        return seen, "the drawing at the middle of the span"
+        return seen, _DRAWN
     if seen := _boxed(link, frame, length):
         return seen, "nothing is drawn there: its moments of inertia"
     area = link.inertia.mass / (_DENSITIES["aluminium"] * length)
@@ -248,6 +250,7 @@ _STEP = {"prismatic": 0.005}  # [m] of the motion that is proposed; turning join
 _TURN = 0.1  # [rad]
 _SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)  # of it, the largest that can be followed
 _SHORTEST = 0.5  # [s] that it takes, longer where a limit asks for it
+_STRETCHES = (1, 2, 4, 8)  # times as long, until motors are strong enough
 _LOOKS = 41  # instants at which it is looked at
 _ORDER = ("xacro_args", "base", "gravity", "joints", "actuated", "loops", "home")
 
@@ -277,12 +280,13 @@ def new_scene(
     if home:  # the guesses need not search for it again
         blocks["home"] = home
         mechanism = _loaded(name, blocks, out)
-    guesses = candidates(mechanism, tuple(flexible))
+    guesses, missed = candidates(mechanism, tuple(flexible))
     missing = sorted({*flexible} - {guess.link for guess in guesses})
     if missing:
+        others = ", ".join(guess.link for guess in candidates(mechanism)[0])
         raise DescriptionError(
             f"{source}: {', '.join(missing)}: no beam fits there (no span, or no mass). Choose "
-            f"another link: {', '.join(g.link for g in candidates(mechanism)) or 'there is none'}."
+            f"another link: {others or 'there is none'}."
         )
     ways = proposals.closing(mechanism, tree)
     if home and ways.home:
@@ -295,11 +299,11 @@ def new_scene(
     blocks["platform"] = proposals.platform(mechanism, ways)
     guessed = f"actuated: GUESSES, by effort limits, not by a <transmission>: {', '.join(more)}"
     said = [guessed] if more else [] if "actuated" in blocks else _unlimited(tree)
+    said += [f"{note}: sections of what it draws are from moments of inertia" for note in missed]
     remarks = [*_wrapped("", said), *_open_loops(ways)]
     text = _text(tree, name, blocks, guesses, remarks, flexible)
     whole = text + _motion(text, out, mechanism, ways)
-    load(from_text(whole, out))  # it loads as it is
-    return whole, mechanism
+    return whole, load(from_text(whole, out))  # it loads as it is
 
 
 def _loaded(name: str, blocks: Mapping[str, Any], out: Path) -> Mechanism:
@@ -468,6 +472,7 @@ def _open_loops(ways: proposals.Closing) -> list[str]:
 def _loose(mechanism: Mechanism) -> str:
     """Why the motors do not determine the motion, and what to write."""
     held = {*mechanism.motors, *mechanism.idle.names, "root_joint"}
+    held |= {one.joint for one in mechanism.description.couplings}
     loose = [name for name in mechanism.rigid.rigid.names[1:] if name not in held]
     if mechanism.description.loops or not loose:
         return "the motors do not determine it."
@@ -491,23 +496,28 @@ def _motion(text: str, out: Path, mechanism: Mechanism, ways: proposals.Closing)
             f"platform, by\n# {ways.closed.report.mobility} of x, y, z [m], rz, ry, rx [rad]:"
             "\n# motion: {kind: cycloid, platform: {x: 0.01, ...}, duration: 0.5}\n"
         )
-    joint = motors[0]
+    joint, first, way = motors[0], "", 0.0
     for step, duration in _steps(mechanism, joint, ways.home):
         proposal = (
             "\n# A small motion to begin with.\nmotion: {kind: cycloid, joints: "
             f"{{{quoted(joint)}: {step:g}}}, duration: {duration:g}}}\n"
         )
         try:
-            solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
+            run = solve(load(from_text(text + proposal, out)), level="rigid", samples=_LOOKS)
             if closed:  # it is to run when the # are gone, too
                 taken = re.sub(
                     r"^# (loops:|joints:|home:|actuated:|  .*# drawn)", r"\1", text, flags=re.M
                 )
-                solve(load(from_text(taken + proposal, out)), level="rigid", samples=_LOOKS)
+                run = solve(load(from_text(taken + proposal, out)), level="rigid", samples=_LOOKS)
         except PinflexError:
             continue
-        return proposal
-    return "\n# No motion is proposed: the rigid robot cannot follow a small one from here.\n"
+        if first and step != way:
+            break  # a shorter way is none for a motor that hardly holds still
+        first, way = first or proposal, step
+        if _strong_enough(mechanism, run):
+            return proposal
+    none = "\n# No motion is proposed: the rigid robot cannot follow a small one from here.\n"
+    return first or none
 
 
 def _steps(
@@ -528,4 +538,12 @@ def _steps(
         least = [_SHORTEST]
         least += [speed / most.velocity] if most.velocity > 0 else []
         least += [np.sqrt(bend / most.acceleration)] if most.acceleration > 0 else []
-        yield step, float(np.ceil(10 * max(least)) / 10)
+        for stretch in _STRETCHES:
+            yield step, stretch * float(np.ceil(10 * max(least)) / 10)
+
+
+def _strong_enough(mechanism: Mechanism, run: Result) -> bool:
+    """Whether half the efforts that motors have are enough; links that shake take the rest."""
+    known = limits(mechanism.description.urdf_text)
+    most = np.array([known.get(name, Limits()).effort or np.inf for name in run.motors])
+    return bool(np.all(np.abs(run.torque).max(axis=0) <= most / 2))

@@ -118,10 +118,14 @@ def platform(mechanism: Mechanism, closing: Closing) -> str:
     moving = [k for k in moving if links[k].name not in still] or moving
     aside = _aside(links)
     plain = [k for k in moving if k not in aside and _body(k, links) not in rods] or moving
+    inner = max(depth[k][0] for k in plain)
+    borne = [k for k in moving if depth[k][0] > inner and not _FINGER.search(links[k].name)]
     named: list[int] = next(
         (found for word in _WORDS if (found := [k for k in plain if word.search(links[k].name)])),
         [],
     )
+    if not named and not any(_HAND.search(link.name) for link in links):
+        plain += [k for k in borne if k in aside]  # what a camera crane is for: motors turn it
     tied = [k for k in plain if links[k].name in ends]
     heavy = [k for k in plain if links[k].weighs]
     tips = [k for k in plain if _TIP.search(links[k].name)]
@@ -210,7 +214,7 @@ def closing(mechanism: Mechanism, tree: Source) -> Closing:
             continue
         # as Sarrus' linkage, which has freedoms by its shape alone: no chance
         special = hinge and not flat and not motors and bool(closed.report.redundant)
-        driven = motors or _likely_motors(tree, closed)
+        driven = _pushed(tree, motors, mobility) or motors or _likely_motors(tree, closed)
         home = closed.description.home
         bent = home if home != mechanism.description.home else {}
         closing = Closing(loops, driven, closed, retyped, home=bent)
@@ -299,6 +303,13 @@ def _likely_motors(tree: Source, closed: Mechanism) -> tuple[str, ...]:
             return tuple(likely)
     pushed = limited(tree)
     return tuple(pushed) if mobility <= len(pushed) < len(ones) else ()
+
+
+def _pushed(tree: Source, named: Sequence[str], mobility: int) -> tuple[str, ...]:
+    """Joints with an effort limit, where names leave freedoms without a motor and these do not."""
+    pushed = limited(tree)
+    fits = named and len(named) != mobility == len(pushed) and {*named} <= {*pushed}
+    return tuple(pushed) if fits else ()
 
 
 def limited(tree: Source) -> list[str]:
