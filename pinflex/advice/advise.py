@@ -369,9 +369,12 @@ class _Study:
 
     def _apart(self, a: error_bars.Look, b: error_bars.Look) -> Errors:
         """How far one look differs from another in what is asked for."""
-        asked = {*self.plain.asked} | {"motor" for key in self.plain.asked if key == "torque"}
-        outputs = (key for key in error_bars.OF_POSES if key.split()[0] in asked)
-        return error_bars.differences(a, b, tuple(outputs))
+        asked = self.plain.asked
+        outputs = tuple(
+            key for key in error_bars.OF_POSES
+            if key.split()[0] in asked or (key == "motor force" and "torque" in asked)
+        )  # fmt: skip
+        return error_bars.differences(a, b, outputs)
 
     def _scene(self, model: Mechanism, level: str) -> Scene:
         """A run of a model, that is asked for no more than the advice is."""

@@ -178,9 +178,7 @@ def test_a_rigid_robot_is_warned_of_its_effort_limits_too(tmp_path: Path) -> Non
     (tmp_path / "one.yaml").write_text("urdf: one.urdf\n")
     m = pf.load(tmp_path / "one.yaml")
     assert not m.compliant
-    assert any(
-        "holding needs 9.81 N m, more than the URDF's effort" in w for w in check(m).warnings
-    )
+    assert any("holding needs 9.81 N m, more than the URDF" in w for w in check(m).warnings)
 
 
 def test_springs_share_the_energy_of_a_mode_by_stiffness_and_square(tmp_path: Path) -> None:

@@ -379,7 +379,7 @@ def _sag_warnings(
     )
     far = [float(np.linalg.norm(sag)) for sag in (linear, full) if sag is not None]
     sinks = far[-1] if far else 0.0  # of linear statics, which overshoot, only where none is full
-    turned = {name: x for name, x in rest.spring_travel.items() if abs(x) > SAG_FAR}
+    turned = {name: x for name, x in rest.spring_moves.items() if abs(x) > SAG_FAR}
     longest = max((link.length for link in links), default=0.0)
     found = []
     if links and sinks > SAG_FAR * longest and turned:

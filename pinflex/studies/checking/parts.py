@@ -184,7 +184,7 @@ class Statics:
         linear, full: Sag of the platform in linear statics about the undeformed pose, and in the
             full equilibrium. loaded: Linear with the stiffness of weight and loads, as level ked.
         holding_rigid, holding_linear, holding_full: Motor torques (N m | N) that hold it.
-        spring_travel: How far joints with a spring move in the full equilibrium [rad | m].
+        spring_moves: How far joints with a spring move in the full equilibrium [rad | m].
         linear_reason, full_reason: Why there is none, "" when there is.
     """
 
@@ -194,7 +194,7 @@ class Statics:
     holding_rigid: tuple[float, ...] | None = None
     holding_linear: tuple[float, ...] | None = None
     holding_full: tuple[float, ...] | None = None
-    spring_travel: Mapping[str, float] = field(default_factory=dict)
+    spring_moves: Mapping[str, float] = field(default_factory=dict)
     linear_reason: str = ""
     full_reason: str = ""
 
@@ -232,7 +232,7 @@ def statics(mechanism: Mechanism) -> Statics:
         holding_rigid=rigid,
         holding_linear=_holding(mechanism, linear),
         holding_full=_holding(mechanism, full),
-        spring_travel=_spring_travel(mechanism, dynamics, full),
+        spring_moves=_spring_moves(mechanism, dynamics, full),
         linear_reason=linear_reason,
         full_reason=full_reason,
     )
@@ -275,7 +275,7 @@ def _holding(mechanism: Mechanism, found: Equilibrium | None) -> tuple[float, ..
     return _torques(found.r[mechanism.flexible.motors], _weight(mechanism))
 
 
-def _spring_travel(
+def _spring_moves(
     mechanism: Mechanism, dynamics: Equations, found: Equilibrium | None
 ) -> dict[str, float]:
     model, elastic = mechanism.rigid.rigid, mechanism.elastic_joints

@@ -114,7 +114,7 @@ def _spans(mechanism: Mechanism) -> dict[str, tuple[str | None, float, Array]]:
         below = links[k].parent
         while below >= 0 and below not in fars and not links[below].steps:
             below = links[below].parent
-        if below not in fars:
+        if below not in fars or k not in fars:
             continue
         ((_, place, _),) = _on(below, links, [links[k]])
         if np.linalg.norm(place) > short:

@@ -33,7 +33,7 @@ _MOVES = 1e-6  # [m] two ends whose distance varies by less are held together al
 _BENT, _LESS = 0.5, 0.8  # by which joints are bent out of a singular pose [rad | m]: by so much
 # the first, each other one by so much of the last: in a pose of no symmetry
 _LOOKS = 3  # poses at which that is looked at
-_ASIDE, _STILL = 0.1, 1e-3  # a step away from home; a joint's share of a motion there: none, but
+_BESIDE, _STILL = 0.1, 1e-3  # a step away from home; a joint's share of a motion there: none, but
 # for hinges that are parallel to a drawing's digits
 _DRAWN = 0.01  # of the robot: ends that are nearer are meant to meet, whatever motors there are
 _WORDS = (  # the end of a robot, surest name first
@@ -241,7 +241,7 @@ def _stuck(closed: Mechanism, pairs: Sequence[Loop]) -> bool:
     """Whether a joint drawn between ends has no motion left, as two of a ball drawn as three."""
     look, model = Equations(closed.rigid), closed.rigid.rigid
     Z = null_space(look.close(closed.home).J)
-    beside = look.integrate(closed.home, _ASIDE * Z.sum(axis=1))  # symmetry stops joints at home
+    beside = look.integrate(closed.home, _BESIDE * Z.sum(axis=1))  # symmetry stops joints at home
     pose, left = close_loops(look, beside, np.arange(model.nv))
     Z = null_space(look.close(pose).J) if left < _NEAR else Z
     joints = set().union(*(_between(model, *_numbers(model, pair)) for pair in pairs))
