@@ -173,8 +173,8 @@ class March:
         self.steps = self._batch(0)
 
     def together(self, steps: int) -> None:
-        """Let batches hold no more steps than these."""
-        self.at.capacity = steps
+        """Let batches hold no more steps than these, and than there is room for."""
+        self.at.capacity = min(steps, len(self.kernel.steps["t"]) - 1)
 
     @property
     def done(self) -> bool:

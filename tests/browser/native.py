@@ -49,11 +49,12 @@ def _judged(mechanism: Mechanism, t: Array) -> tuple[Run, Judge]:
         judges.append(OfPage(steps, t, asked, Expected(0.0, {}), tol, PART * tol, True, False))
         return judges[-1]
 
-    before, march.TOGETHER = march.TOGETHER, TOGETHER
+    before = march.TOGETHER, march.MOST
+    march.TOGETHER = march.MOST = TOGETHER
     try:
         run = scene.kept(t, PART * tol, keeper, march.SHORT, 0.0, None, judge=dynamics)
     finally:
-        march.TOGETHER = before
+        march.TOGETHER, march.MOST = before
     return run, judges[-1]
 
 
