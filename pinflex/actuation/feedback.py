@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.description.blocks.control import (
     Control,
     Deflection,
@@ -282,7 +282,7 @@ class Sampler:
         self._next = 0  # number of the sample that comes
         self._waiting: deque[tuple[float, Array]] = deque()
         self._log: list[tuple[float, Array]] = []
-        self._hold(0.0, self._clip(self._forward(0.5 * self.period)))
+        self._hold(0.0, self._clip(self._fed(np.zeros(len(self._limit)), 0.5 * self.period)))
 
     @property
     def force(self) -> Array:
@@ -299,7 +299,7 @@ class Sampler:
         period, delay = self.period, self.feedback.control.delay
         samples = np.arange(int(np.ceil(end / period))) * period
         late = samples + delay if delay % period > _EARLY * period else samples[:0]
-        found = np.append(np.union1d(samples, late[late < end]), end)
+        found = np.append(distinct(samples, late[late < end]), end)
         cut = found[:-1, None] + np.diff(found)[:, None] * np.arange(parts) / parts
         return tuple(cut.ravel().tolist())
 
@@ -353,8 +353,7 @@ class Sampler:
                 f"control.law: gives shape {asked.shape} for {len(self._limit)} drives. Return "
                 "one each."
             )
-        if control.forward is not None:
-            asked = asked + self._forward(t + control.delay + 0.5 * self.period)
+        asked = self._fed(asked, t + control.delay + 0.5 * self.period)
         given = self._clip(asked)
         if hasattr(self._law, "applied"):
             self._law.applied(asked, given)
@@ -364,9 +363,10 @@ class Sampler:
         home = self.feedback.home
         return self.feedback.S @ (y - home if self._flat else self._dynamics.difference(home, y))
 
-    def _forward(self, t: float) -> Array:
+    def _fed(self, u: Array, t: float) -> Array:
+        """Outputs with what is fed forward at t."""
         forward = self.feedback.control.forward
-        return np.zeros(len(self._limit)) if forward is None else np.asarray(forward(t), float)
+        return u if forward is None else u + np.asarray(forward(t), float)
 
     def _clip(self, u: Array) -> Array:
         return np.minimum(np.maximum(u, -self._limit), self._limit)

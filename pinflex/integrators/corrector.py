@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinflex.arrays import Array, IntArray
+from pinflex.arrays import Array, IntArray, distinct
 from pinflex.integrators.collocation import with_one_more
 from pinflex.integrators.compiled import STATE, Batch, MarchKernel, Stages
 from pinflex.integrators.problem import Problem, Run, on_marks
@@ -263,7 +263,7 @@ def after_jumps(problem: Problem, run: Run, breaks: Sequence[float]) -> Run:
         if len(on):
             moved = run.a[:, motors] if problem.prescribed else problem.path(t).acceleration
             on = on[problem.jumps(t[on], moved)]
-        at = np.union1d(on, np.flatnonzero(on_marks(t, kicks))) if kicks else on
+        at = distinct(on, np.flatnonzero(on_marks(t, kicks))) if kicks else on
     settle = Inside(problem.free, problem.push, marks, 0.0)
     if marks and not problem.prescribed:
         return replace(run, torque=settle.push(run)[:, motors], settle=settle)

@@ -170,7 +170,6 @@ def _compile(
     compiler: list[str], folder: Path, target: str, build: str, zig: tuple[str, ...],
     other: tuple[str, ...],
 ) -> Path:  # fmt: skip
-
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / name_of(target, build)
     flags = (*FLAGS, *(zig if "ziglang" in compiler else other))

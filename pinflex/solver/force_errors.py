@@ -148,7 +148,7 @@ def _lost(mechanism: Mechanism, run: Run, seen: Result) -> dict[str, float]:
 
 def _modes(M: Array, C: Array, K: Array, J: Array) -> tuple[Array, Array, Array]:
     """Shapes of unit modal mass, squared frequencies [1/s^2] and decay [1/s] of what has mass."""
-    Z = null_space(J) if len(J) else np.eye(len(M))
+    Z = null_space(J)
     L = Z @ _lift(Z.T @ M @ Z)
     squares, U = np.linalg.eigh(L.T @ (0.5 * (K + K.T)) @ L)
     shapes = L @ U

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinflex.actuation.drive import breaks
-from pinflex.arrays import Array
+from pinflex.arrays import Array, distinct
 from pinflex.errors import ConvergenceError, Ending
 from pinflex.integrators.problem import Run
 from pinflex.levels.modes import default_step
@@ -78,7 +78,7 @@ class SameSteps:
             begins = np.concatenate([[0.0], self.ends[:-1]])
             part = np.arange(1, _INSIDE + 1) / _INSIDE
             found.append((begins[:, None] + (self.ends - begins)[:, None] * part).ravel())
-        return np.unique(np.concatenate(found))
+        return distinct(*found)
 
     def inside(self, t: float) -> tuple[float, float]:
         """The smooth piece that an instant lies in [s]; a break belongs to the one before it."""
@@ -103,7 +103,7 @@ class SameSteps:
                 ending=Ending.OTHER_BREAKS,
             )
         # from instant to instant, closed loops are followed: not too far at once
-        every = np.union1d(t, self.marks[[0, -1]] if self.stepped else self.grid)
+        every = distinct(t, self.marks[[0, -1]] if self.stepped else self.grid)
         with one_blas_thread():
             found = self._run(scene, np.interp(every, self.marks, marks), marks, halved)
             found = found.at(np.searchsorted(every, t))

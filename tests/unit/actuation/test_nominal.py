@@ -18,6 +18,7 @@ Claims:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path as File
 
@@ -154,21 +155,29 @@ def test_a_path_out_of_reach_is_refused_with_its_time() -> None:
     assert 0.0 < caught.value.time < 1.0
 
 
+def four_bar(
+    folder: File, kind: str, lengths: Sequence[float], driven: str, home: Sequence[float]
+) -> pf.Mechanism:
+    """Of crank, coupler, ground and rocker so long; crank, coupler and rocker at these angles."""
+    crank, coupler, ground, rocker = lengths
+    bodies = (
+        Body("crank", "base", kind, **ROD),
+        Body("coupler", "crank", kind, xyz=(crank, 0, 0), **ROD),
+        Body("coupler_end", "coupler", xyz=(coupler, 0, 0)),
+        Body("rocker", "base", kind, xyz=(ground, 0, 0), **ROD),
+        Body("rocker_end", "rocker", xyz=(rocker, 0, 0)),
+    )
+    yaml = f"""
+actuated: [{driven}_joint]
+loops: {{pin: {{kind: planar, between: [coupler_end, rocker_end]}}}}
+home: {{crank_joint: {home[0]}, coupler_joint: {home[1]}, rocker_joint: {home[2]}}}
+"""
+    return load(folder, bodies, yaml)
+
+
 def test_a_four_bar_says_where_its_rocker_can_turn_no_further(tmp_path: File) -> None:
     """Non-Grashof linkage driven at the rocker: the limit follows from the cosine rule."""
-    bodies = (
-        Body("crank", "base", "revolute", **ROD),
-        Body("coupler", "crank", "revolute", xyz=(0.2, 0, 0), **ROD),
-        Body("coupler_end", "coupler", xyz=(0.5, 0, 0)),
-        Body("rocker", "base", "revolute", xyz=(0.6, 0, 0), **ROD),
-        Body("rocker_end", "rocker", xyz=(0.4, 0, 0)),
-    )
-    yaml = """
-actuated: [rocker_joint]
-loops: {pin: {kind: planar, between: [coupler_end, rocker_end]}}
-home: {crank_joint: 1.0, coupler_joint: -0.5, rocker_joint: 1.8}
-"""
-    m = load(tmp_path, bodies, yaml)
+    m = four_bar(tmp_path, "revolute", (0.2, 0.5, 0.6, 0.4), "rocker", (1.0, -0.5, 1.8))
     start = m.home[m.rigid.motors[0]]
     # Crank and coupler in line: 0.7 m between the pivot of the crank and the end of the rocker.
     inner = np.arccos((0.4**2 + 0.6**2 - 0.7**2) / (2 * 0.4 * 0.6))
@@ -289,19 +298,7 @@ def test_three_samples_are_followed_as_finely_as_it_takes(name: str) -> None:
 
 def test_instants_with_a_gap_are_followed_as_finely_as_it_takes(tmp_path: File) -> None:
     """Torques fed forward under friction ask so; Newton crossed the gap to the other branch."""
-    bodies = (
-        Body("crank", "base", "continuous", **ROD),
-        Body("coupler", "crank", "continuous", xyz=(0.15, 0, 0), **ROD),
-        Body("coupler_end", "coupler", xyz=(0.4, 0, 0)),
-        Body("rocker", "base", "continuous", xyz=(0.4, 0, 0), **ROD),
-        Body("rocker_end", "rocker", xyz=(0.35, 0, 0)),
-    )
-    yaml = """
-actuated: [crank_joint]
-loops: {pin: {kind: planar, between: [coupler_end, rocker_end]}}
-home: {crank_joint: 0.5, coupler_joint: 0.5, rocker_joint: 1.5}
-"""
-    m = load(tmp_path, bodies, yaml)
+    m = four_bar(tmp_path, "continuous", (0.15, 0.4, 0.4, 0.35), "crank", (0.5, 0.5, 1.5))
     motion = pf.quintic(joints={"crank_joint": 2.5}, duration=0.5)
     t = np.linspace(0.0, 0.5, 1001)
     beside = (t < 0.15) | (t > 0.4)
